@@ -1,0 +1,43 @@
+# Two commands do it all on a machine that has only Python 3.11, make and the package registries:
+#   make run    sets up and drives the sliding-door task      make test    sets up and runs every test
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+STAMP := .venv/.ready
+JOBS ?= auto
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test check bench lock clean
+
+help:  ## this list
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
+
+setup: $(STAMP)  ## the virtual environment .venv with everything pinned
+
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { echo "canipulator: needs Python 3.11, found $$($(PYTHON) --version 2>&1) (set PYTHON=/path/to/python3.11)" >&2; exit 2; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "Installing what requirements.lock pins into .venv (about 2 GB, a few minutes the first time) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+run: $(STAMP)  ## sets up, then drives the sliding-door task over CAN
+	@$(BIN)/canipulator run sliding-door
+
+test: $(STAMP)  ## sets up, then runs every test
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup
+
+check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a minute
+	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
+	@$(BIN)/lint-imports
+	@$(BIN)/mypy
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q -m "not slow and not socketcan and not viewer"
+
+bench: $(STAMP)  ## each hot path as a ratio against a stated reference
+	@$(BIN)/python -m benchmarks
+
+lock: $(STAMP)  ## refreshes requirements.lock from pyproject.toml
+	@$(BIN)/pip-compile --quiet --upgrade --generate-hashes --allow-unsafe --strip-extras --extra dev --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml
+
+clean:  ## removes runs and caches, keeps .venv
+	@rm -rf runs .pytest_cache .mypy_cache .ruff_cache .hypothesis

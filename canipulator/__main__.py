@@ -1,0 +1,5 @@
+"""`python -m canipulator`."""
+
+from canipulator.cli import main
+
+main()

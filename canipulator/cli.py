@@ -1,0 +1,139 @@
+"""The command line. Every error is one line on stderr, `canipulator: …`, and exit code 2; Ctrl-C ends with 130."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from config.errors import ConfigError, nearest
+
+INTERRUPTED = 130
+
+
+class _Commands(click.Group):
+    """Click's group with our error line for a misspelt command."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and self.get_command(ctx, args[0]) is None and not args[0].startswith("-"):
+            raise click.UsageError(f"unknown command {args[0]!r}, {nearest(args[0], self.list_commands(ctx))}")
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.version_option(package_name="canipulator", message="canipulator %(version)s")
+def cli() -> None:
+    """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
+
+
+@cli.command("list")
+def list_scenarios() -> None:
+    """The scenarios, one line each."""
+    from config.load import load_scenario, scenario_names
+
+    names = scenario_names()
+    width = max(map(len, names))
+    for name in names:
+        click.echo(f"{name:<{width}}  {load_scenario(name).title}")
+
+
+@cli.command()
+@click.argument("scenario")
+@click.option("--out", type=click.Path(path_type=Path), help="Where the run's files go [default: runs/<scenario>-<n>].")
+@click.option("--seed", type=int, help="Seed of slip and noise [default: the scenario's, 1].")
+@click.option("--duration", type=float, help="Cut the scenario short after so many seconds; expectations are not judged.")
+@click.option("--method", help="Redundancy resolution: pns, fsp, gradient, qp.")
+@click.option("--coordination", help="Arm and base: abc, unified, arm-only.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Any scenario key, dotted; repeatable.")
+@click.option("--bus", "bus_url", default="lockstep", show_default=True, help="The wire: lockstep, in virtual time.")
+@click.option("--no-rerun", is_flag=True, help="No Rerun recording (bus.log and metrics are written all the same).")
+@click.option("--json", "as_json", is_flag=True, help="The metrics on stdout, nothing else.")
+def run(
+    scenario: str,
+    out: Path | None,
+    seed: int | None,
+    duration: float | None,
+    method: str | None,
+    coordination: str | None,
+    overrides: tuple[str, ...],
+    bus_url: str,
+    no_rerun: bool,
+    as_json: bool,
+) -> None:
+    """Run SCENARIO (a name of `canipulator list`, or a TOML file).
+
+    Exit code 0: its expectations hold. 1: one of them does not. 2: bad input.
+    """
+    from canipulator.run import RunOptions, run_scenario
+    from config.load import load_scenario
+
+    if bus_url != "lockstep":
+        raise ConfigError(f"--bus {bus_url!r}: the only bus of this version is 'lockstep'")
+    sets = list(overrides)
+    for key, value in (("seed", seed), ("planner.method", method), ("planner.coordination", coordination)):
+        if value is not None:
+            sets.append(f"{key}={json.dumps(value)}")
+    if duration is not None and not 0.0 < duration < float("inf"):
+        raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
+    loaded = load_scenario(scenario, sets)
+    options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json)
+    outcome = run_scenario(loaded, options)
+    if as_json:
+        click.echo(json.dumps(outcome.metrics))
+    raise SystemExit(outcome.exit_code)
+
+
+@cli.command()
+@click.argument("run_dir", metavar="RUN", type=click.Path(path_type=Path))
+def view(run_dir: Path) -> None:
+    """Open the recording of RUN (its directory, or the .rrd file) in the Rerun viewer."""
+    from logs.viewer import open_viewer
+
+    path = run_dir / "run.rrd" if run_dir.is_dir() else run_dir
+    if not path.is_file():
+        raise ConfigError(f"{path}: no recording there (a run with --no-rerun has none)")
+    raise SystemExit(open_viewer(path))
+
+
+@cli.group("bus")
+def bus_group() -> None:
+    """What other CAN tools need to understand the bus."""
+
+
+@bus_group.command("export")
+@click.argument("what", type=click.Choice(["dbc", "eds"]))
+@click.argument("directory", metavar="[DIR]", required=False, type=click.Path(path_type=Path))
+def export(what: str, directory: Path | None) -> None:
+    """Write the DBC or the EDS files into DIR [default: config/bus]."""
+    from canipulator.export import write_bus_files
+
+    for path in write_bus_files(what, directory):
+        click.echo(path)
+
+
+def main() -> None:
+    """Entry point: runs the command line and turns what went wrong into one line and an exit code."""
+    try:
+        cli.main(standalone_mode=False)
+    except click.exceptions.Exit as finished:
+        sys.exit(finished.exit_code)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        click.echo("canipulator: interrupted", err=True)
+        sys.exit(INTERRUPTED)
+    except click.ClickException as error:
+        _fail(error.format_message())
+    except ConfigError as error:
+        _fail(str(error))
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"{where}{error.strerror or error}")
+
+
+def _fail(message: str) -> None:
+    """One line on stderr, exit code 2."""
+    click.echo("canipulator: " + " ".join(message.split()), err=True)
+    sys.exit(2)

@@ -1,0 +1,261 @@
+"""Frames and truth samples in, signals out: block by block, vectorised, off the control path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frame import Frame, bit_length
+from drivers.objects import DeviceDef, PdoKind
+from logs.events import Event
+from logs.frame_batch import FrameBatch, Ints, PdoLayout, checksum_ok, pdo_layouts
+from logs.signals import DecodedBlock, Signal
+from logs.states import StateDecoder
+from logs.tape import SYNC_ID, Block
+from stack.messages import Matrix, Truth
+
+STRATEGIC, PLANNER, SENSOR, TRACKER = 1, 2, 31, 32
+WHEELS = (11, 12)
+FIRST_JOINT, LAST_JOINT = 21, 28
+LOAD_WINDOW_NS = 100_000_000
+_RESTART = 10  # references whose cycle count is further off than this come from a planner that counts anew
+
+_TRUTH_FIELDS = ("pose_WB", "pose_WE", "q", "dq", "effort", "wheel_velocity", "wheel_slip", "base_twist", "contact_wrench")
+
+
+class SignalDecoder:
+    """Decodes the blocks of one run, in their order.
+
+    Frames of the arm cycle that is still open are kept for the next block, so that no cycle is torn apart. Layouts and
+    scales come from `devices`. `wheel_radius` and `track` (m) turn wheel velocities into those of the platform.
+    """
+
+    def __init__(
+        self,
+        devices: Sequence[DeviceDef],
+        *,
+        sync_period_ns: int,
+        bitrate: int = 1_000_000,
+        wheel_radius: float,
+        track: float,
+        joint_names: Sequence[str] = (),
+    ) -> None:
+        self._layouts = pdo_layouts(devices)
+        self._joints = tuple(sorted(d.node_id for d in devices if FIRST_JOINT <= d.node_id <= LAST_JOINT))
+        self._period_ns = sync_period_ns
+        self._bits_per_window = bitrate * LOAD_WINDOW_NS / 1e9
+        self._to_platform = np.array([[0.5, -1.0 / track], [0.5, 1.0 / track]]) * wheel_radius
+        self._open: list[Frame] = []
+        self._cycle = -1
+        self._anchor: int | None = None
+        self._segment = 0
+        self._was_valid = False
+        self._window: int | None = None
+        self._window_bits = self._window_frames = 0.0
+        self._last_wheels: tuple[int, Matrix] | None = None
+        names = {device.node_id: device.name for device in devices}
+        self._states = StateDecoder(names, dict(zip(self._joints, joint_names, strict=False)), WHEELS, self._joints)
+
+    def decode(self, block: Block, *, last: bool = False) -> DecodedBlock:
+        """Signals, state changes and events of `block`; with `last` also those of the cycle that is still open."""
+        frames = self._open + block.frames
+        closed = len(frames) if last else _last_sync(frames)
+        frames, self._open = frames[:closed], frames[closed:]
+        signals: dict[str, Signal] = {}
+        counts = {"bad_checksums": 0, "torn_references": 0}
+        batch = FrameBatch.of(frames)
+        cycles = self._cycle + np.cumsum(batch.can_id == SYNC_ID)
+        sync_ns = batch.sync_times()
+        first = self._cycle + 1
+        self._cycle += len(sync_ns)
+        if len(sync_ns):
+            signals["sync"] = Signal(sync_ns, np.arange(first, self._cycle + 1, dtype=np.float64))
+            rows = cycles - first
+            self._drives(batch, rows, sync_ns, signals)
+            self._reference(batch, rows, sync_ns, first, signals, counts)
+        self._plain_frames(batch, signals, counts)
+        self._load(frames, batch, signals, last)
+        _truth(block.truths, signals)
+        states, events = self._states.decode(batch, signals)
+        ordered = sorted([*block.events, *events], key=_time_of)
+        return DecodedBlock(signals, states, tuple(ordered), counts)
+
+    def _per_cycle(
+        self, batch: FrameBatch, rows: Ints, cycles: int, nodes: Sequence[int], kind: PdoKind, number: int, positions: Sequence[int]
+    ) -> Matrix:
+        """(cycles, nodes, positions) values of a PDO that every node sends once per cycle; NaN where none came."""
+        out = np.full((cycles, len(nodes), len(positions)), np.nan)
+        for column, node in enumerate(nodes):
+            layout = self._layouts.get((node, kind, number))
+            if layout is None:
+                continue
+            found = batch.rows(layout.can_id, layout.length)
+            found = found[rows[found] >= 0]
+            out[rows[found], column] = layout.values(batch.payload[found], positions)
+        return out
+
+    def _drives(self, batch: FrameBatch, rows: Ints, sync_ns: Ints, signals: dict[str, Signal]) -> None:
+        due_ns = sync_ns + 2 * self._period_ns
+        n = len(sync_ns)
+        tpdo = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.TPDO, 1, (0, 1, 2))
+        rpdo = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.RPDO, 1, (1, 2))
+        speed = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.TPDO, 2, (0,))[..., 0]
+        _keep(signals, "drives/statusword", sync_ns, tpdo[..., 0])
+        _keep(signals, "wheels/position/actual", sync_ns, tpdo[:, :2, 1])
+        _keep(signals, "wheels/effort", sync_ns, tpdo[:, :2, 2])
+        _keep(signals, "wheels/velocity/actual", sync_ns, speed[:, :2])
+        _keep(signals, "wheels/velocity/target", due_ns, rpdo[:, :2, 0])
+        _keep(signals, "joints/position/actual", sync_ns, tpdo[:, 2:, 1])
+        _keep(signals, "joints/effort", sync_ns, tpdo[:, 2:, 2])
+        _keep(signals, "joints/velocity/actual", sync_ns, speed[:, 2:])
+        _keep(signals, "joints/position/target", due_ns, rpdo[:, 2:, 0])
+        _keep(signals, "joints/effort/offset", due_ns, rpdo[:, 2:, 1])
+        _keep(signals, "platform/velocity/commanded", due_ns, rpdo[:, :2, 0] @ self._to_platform)
+        self._encoder_velocity(signals)
+
+    def _encoder_velocity(self, signals: dict[str, Signal]) -> None:
+        """Platform velocity from the wheels' positions of successive cycles, at the middle of the interval."""
+        wheels = signals.get("wheels/position/actual")
+        if wheels is None:
+            return
+        whole = wheels.at(~np.isnan(wheels.values).any(axis=1))
+        if not len(whole):
+            return
+        t_ns, position = whole.t_ns, whole.values
+        if self._last_wheels is not None:
+            t_ns, position = np.append(self._last_wheels[0], t_ns), np.vstack([self._last_wheels[1], position])
+        self._last_wheels = int(t_ns[-1]), position[-1:]
+        step_s = np.diff(t_ns)[:, None] * 1e-9
+        velocity = (np.diff(position, axis=0) / step_s) @ self._to_platform
+        _keep(signals, "platform/velocity/encoder", (t_ns[1:] + t_ns[:-1]) // 2, velocity)
+
+    def _reference(
+        self, batch: FrameBatch, rows: Ints, sync_ns: Ints, first: int, signals: dict[str, Signal], counts: dict[str, int]
+    ) -> None:
+        """Joins the three frames of each cycle's reference (same counter) and gives them the time that they are meant for."""
+        n = len(sync_ns)
+        parts = []
+        for number, positions in ((2, (0, 1, 2)), (3, (0, 1, 2, 3)), (4, (0, 1, 2, 3))):
+            layout = self._layouts.get((PLANNER, PdoKind.TPDO, number))
+            if layout is None:
+                return
+            found = self._checked(batch, layout, counts)
+            found = found[rows[found] >= 0]
+            part = np.full((n, len(positions)), np.nan)
+            part[rows[found]] = layout.values(batch.payload[found], positions)
+            parts.append(part)
+        xy, z, rotation = parts
+        whole = (xy[:, 2] == z[:, 3]) & (z[:, 3] == rotation[:, 3])
+        any_part = ~(np.isnan(xy[:, 2]) & np.isnan(z[:, 3]) & np.isnan(rotation[:, 3]))
+        counts["torn_references"] += int(np.sum(any_part & ~whole))
+        found = np.flatnonzero(whole)
+        if not len(found):
+            return
+        due_ns = sync_ns[found] + (2 + self._lag(found + first, z[found, 2].astype(np.int64))) * self._period_ns
+        valid = z[found, 1] > 0
+        rises = valid & ~np.append(self._was_valid, valid[:-1])
+        segment = self._segment + np.cumsum(rises)
+        self._segment, self._was_valid = int(segment[-1]), bool(valid[-1])
+        pose = np.hstack([xy[found, :2], z[found, :1], rotation[found, :3]])
+        _keep(signals, "reference/pose", due_ns[valid], pose[valid])
+        _keep(signals, "reference/segment", due_ns[valid], segment[valid, None].astype(np.float64))
+
+    def _lag(self, cycles: Ints, sync_count: Ints) -> Ints:
+        """By how many cycles the planner's own count differs from the SYNC that a reference came after: 0 if it was in time."""
+        offset = sync_count - cycles
+        if self._anchor is None:
+            self._anchor = int(offset[0])
+        lag = _wrap16(offset - self._anchor)
+        if np.any(np.abs(lag) > _RESTART):
+            self._anchor = int(offset[-1])
+            lag = np.where(np.abs(lag) > _RESTART, _wrap16(offset - self._anchor), lag)
+            lag = np.where(np.abs(lag) > _RESTART, 0, lag)
+        return lag
+
+    def _plain_frames(self, batch: FrameBatch, signals: dict[str, Signal], counts: dict[str, int]) -> None:
+        """Frames that mean something each by itself: at their own time, those with a wrong checksum left out."""
+        plain = (
+            ("planner/state", PLANNER, 1, (0, 1, 2, 3)),
+            ("mission", STRATEGIC, 4, (0, 1)),
+            ("twist/linear", STRATEGIC, 1, (0, 1, 2)),
+            ("twist/angular", STRATEGIC, 2, (0, 1, 2)),
+            ("wrench/force", SENSOR, 1, (0, 1, 2)),
+            ("wrench/torque", SENSOR, 2, (0, 1, 2)),
+            ("tracker/xy", TRACKER, 1, (0, 1, 2)),
+            ("tracker/z", TRACKER, 2, (0, 1, 2, 3)),
+            ("tracker/rotation_vector", TRACKER, 3, (0, 1, 2)),
+        )
+        for name, node, number, positions in plain:
+            layout = self._layouts.get((node, PdoKind.TPDO, number))
+            if layout is not None:
+                found = self._checked(batch, layout, counts)
+                _keep(signals, name, batch.t_ns[found], layout.values(batch.payload[found], positions))
+        xy, z = signals.pop("tracker/xy", None), signals.pop("tracker/z", None)
+        if xy is not None and z is not None:
+            _tracker(xy, z, signals)
+
+    def _checked(self, batch: FrameBatch, layout: PdoLayout, counts: dict[str, int]) -> Ints:
+        found = batch.rows(layout.can_id, layout.length)
+        good = checksum_ok(layout.can_id, batch.payload[found])
+        counts["bad_checksums"] += int(np.sum(~good))
+        return found[good]
+
+    def _load(self, frames: Sequence[Frame], batch: FrameBatch, signals: dict[str, Signal], last: bool) -> None:
+        """Bits of each window of 100 ms against the bit rate; the window that is still open is carried along."""
+        if not len(frames):
+            return
+        bits = np.array([bit_length(frame.can_id, frame.data) for frame in frames], np.float64)
+        window = batch.t_ns // LOAD_WINDOW_NS
+        first = int(window[0]) if self._window is None else self._window
+        index = np.maximum(window - first, 0)
+        sums, number = np.bincount(index, bits), np.bincount(index).astype(np.float64)
+        sums[0] += self._window_bits
+        number[0] += self._window_frames
+        self._window, self._window_bits, self._window_frames = first + len(sums) - 1, sums[-1], number[-1]
+        end_ns = (first + 1 + np.arange(len(sums))) * LOAD_WINDOW_NS
+        _keep(signals, "bus/load", end_ns[:-1], sums[:-1, None] / self._bits_per_window)
+        _keep(signals, "bus/frames", end_ns[:-1], number[:-1, None])
+
+
+def _tracker(xy: Signal, z: Signal, signals: dict[str, Signal]) -> None:
+    """Joins the two position frames of a sample: the nearest in time that carries the same counter."""
+    if not len(xy) or not len(z):
+        return
+    after = np.clip(np.searchsorted(z.t_ns, xy.t_ns), 0, len(z) - 1)
+    same = z.values[after, 3] == xy.values[:, 2]
+    valid = same & (z.values[after, 1] > 0)
+    rows = after[valid]
+    _keep(signals, "tracker/position", xy.t_ns[valid], np.hstack([xy.values[valid, :2], z.values[rows, :1]]))
+    _keep(signals, "tracker/age", xy.t_ns[valid], z.values[rows, 2:3])
+
+
+def _truth(truths: Sequence[Truth], signals: dict[str, Signal]) -> None:
+    if truths:
+        t_ns = np.array([truth.t_ns for truth in truths], np.int64)
+        for name in _TRUTH_FIELDS:
+            signals[f"truth/{name}"] = Signal(t_ns, np.array([getattr(truth, name) for truth in truths], np.float64))
+
+
+def _last_sync(frames: Sequence[Frame]) -> int:
+    """Index of the last SYNC; all frames when there is none, so that a bus without SYNC does not pile up."""
+    for i in range(len(frames) - 1, -1, -1):
+        if frames[i].can_id == SYNC_ID:
+            return i
+    return len(frames)
+
+
+def _keep(signals: dict[str, Signal], name: str, t_ns: Ints, values: NDArray[np.float64]) -> None:
+    """Adds a signal without the rows in which nothing was received."""
+    received = ~np.isnan(values).all(axis=1)
+    if received.any():
+        signals[name] = Signal(t_ns[received], values[received])
+
+
+def _wrap16(count: Ints) -> Ints:
+    return (count + 32768) % 65536 - 32768
+
+
+def _time_of(event: Event) -> int:
+    return event.t_ns

@@ -1,0 +1,124 @@
+"""Named signals of a run: columns of values with their own times, and the table that holds a whole run of them.
+
+Signals that the decoder makes from frames and truth, all in SI units. "cycle" rows are one per SYNC, NaN where a frame is missing.
+
+| name | columns | time |
+| --- | --- | --- |
+| `sync` | number of the arm cycle, from 0 | SYNC |
+| `joints/position/actual`, `joints/effort`, `drives/statusword` | one per drive | cycle; sampled at that SYNC |
+| `joints/velocity/actual`, `wheels/velocity/actual` | one per drive | every tenth cycle |
+| `joints/position/target`, `wheels/velocity/target`, `joints/effort/offset` | one per drive | SYNC + 2 T: when it is reached |
+| `wheels/position/actual`, `wheels/effort` | left, right | cycle |
+| `platform/velocity/commanded`, `platform/velocity/encoder` | v, ω | as the wheels' |
+| `reference/pose` | x y z, rotation vector, in the frame R | SYNC + 2 T, valid ones only |
+| `reference/segment` | counts from 1, one more for each time that references become valid | as `reference/pose` |
+| `planner/state` | phase, status, restrictions, path scale | frame |
+| `mission` | mode, step | frame |
+| `twist/linear`, `twist/angular`, `wrench/force`, `wrench/torque` | x y z | frame |
+| `tracker/position`, `tracker/rotation_vector`, `tracker/age` | x y z; s | frame |
+| `bus/load`, `bus/frames` | share of the bit rate; frames | end of each 100 ms |
+| `truth/...` | as in `Truth`: `pose_WB`, `pose_WE` (n, 4, 4), `q`, `dq`, `effort`, … | truth sample |
+| `tcp/error` | distance m, lateral m, rotation rad | truth sample with a valid reference |
+| `tcp/commanded` | x y z of the reference in the world | as `tcp/error` |
+| `manipulability` | arm, robot, wrist centre of the arm | 20 Hz |
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from logs.events import Event
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Values (n, ...) of one name at the times `t_ns` (n,)."""
+
+    t_ns: Ints
+    values: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if len(self.t_ns) != len(self.values):
+            raise ValueError(f"a signal of {len(self.values)} values has {len(self.t_ns)} times")
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Times in seconds."""
+        return self.t_ns * 1e-9
+
+    def at(self, rows: Ints | slice | NDArray[np.bool_]) -> Signal:
+        """Some of the rows."""
+        return Signal(self.t_ns[rows], self.values[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class StateChange:
+    """A lane (a drive, the planner's phase …) takes a new state."""
+
+    t_ns: int
+    lane: str
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedBlock:
+    """What a stretch of the run says: signals by name, state changes and events in the order of time, frames that were bad."""
+
+    signals: Mapping[str, Signal]
+    states: tuple[StateChange, ...] = ()
+    events: tuple[Event, ...] = ()
+    counts: Mapping[str, int] | None = None
+
+
+class SignalTable:
+    """All signals of a run, joined from the blocks that were added."""
+
+    def __init__(self, blocks: Iterable[DecodedBlock] = ()) -> None:
+        self._parts: dict[str, list[Signal]] = {}
+        self.states: list[StateChange] = []
+        self.events: list[Event] = []
+        self.counts: dict[str, int] = {}
+        for block in blocks:
+            self.add(block)
+
+    def add(self, block: DecodedBlock) -> None:
+        """Appends one block."""
+        for name, signal in block.signals.items():
+            if len(signal):
+                self._parts.setdefault(name, []).append(signal)
+        self.states.extend(block.states)
+        self.events.extend(block.events)
+        for name, count in (block.counts or {}).items():
+            self.counts[name] = self.counts.get(name, 0) + count
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._parts
+
+    def __getitem__(self, name: str) -> Signal:
+        """The whole signal. Raises KeyError that names the nearest one when nothing of that name was received."""
+        parts = self._parts.get(name)
+        if parts is None:
+            near = difflib.get_close_matches(name, self._parts, 1)
+            raise KeyError(f"no signal {name!r} in this run" + (f"; did you mean {near[0]!r}?" if near else ""))
+        if len(parts) > 1:
+            joined = Signal(np.concatenate([p.t_ns for p in parts]), np.concatenate([p.values for p in parts]))
+            self._parts[name] = parts = [joined]
+        return parts[0]
+
+    def get(self, name: str) -> Signal | None:
+        """The whole signal, or None when nothing of that name was received."""
+        return self[name] if name in self else None
+
+    def names(self) -> list[str]:
+        """Names of the signals that have values, sorted."""
+        return sorted(self._parts)

@@ -1,0 +1,136 @@
+"""What the layers say to each other, in SI units. Every message is a frozen value; a thing never received is `None`.
+
+Quaternions are xyzw; twists and wrenches are stacked `[v; ω]` and `[f; m]`. Frames: W world, B platform, E end point (TCP),
+R reference frame of the commanded path (fixed in the world, chosen when a motion starts).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+class Mode(IntEnum):
+    """What the strategic layer wants the planner to do with its twist."""
+
+    OFF = 0
+    HOLD = 1
+    ARM_ONLY = 2
+    PLATFORM_ONLY = 3
+    COORDINATED = 4
+
+
+class PlannerPhase(IntEnum):
+    """Where the planner is, from power-up to motion."""
+
+    BOOT = 0
+    CONFIGURE = 1
+    READY = 2
+    ENABLING = 3
+    IDLE = 4
+    EXECUTING = 5
+    STOPPING = 6
+    FAULT = 7
+
+
+class Restriction(IntFlag):
+    """What shaped the last command, as bits of the planner's state frame."""
+
+    NONE = 0
+    JOINT_1 = 1 << 0
+    JOINT_2 = 1 << 1
+    JOINT_3 = 1 << 2
+    JOINT_4 = 1 << 3
+    JOINT_5 = 1 << 4
+    JOINT_6 = 1 << 5
+    JOINT_7 = 1 << 6
+    JOINT_8 = 1 << 7
+    VELOCITY = 1 << 8
+    ACCELERATION = 1 << 9
+    SINGULARITY = 1 << 10
+    PLATFORM = 1 << 11
+    STALE_TWIST = 1 << 12
+    STALE_DRIVE = 1 << 13
+    DEGRADED = 1 << 14
+    INFEASIBLE = 1 << 15
+
+
+@dataclass(frozen=True, slots=True)
+class TwistCommand:
+    """Commanded TCP twist in the commanded end-point frame, (6,) `[v; ω]`; platform only: v[0] and ω[2] of the platform."""
+
+    twist: Vector
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class MissionCommand:
+    """What the strategic layer is doing; `mode` tells the planner how to use the twist."""
+
+    mode: Mode
+    step: int
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerState:
+    """The planner's answer of every arm cycle."""
+
+    phase: PlannerPhase
+    status: int
+    restrictions: Restriction
+    path_scale: float
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """Force and torque at the TCP in the end-point frame, (6,) `[f; m]`, acting on the robot from outside."""
+
+    wrench: Vector
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedPose:
+    """TCP pose in the world as a tracked feature sees it: position (3,), rotation vector (3,), and how old it is."""
+
+    position: Vector
+    rotation_vector: Vector
+    age_ns: int
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFeedback:
+    """One drive's TPDO: position in rad or m, effort in N·m or N (of the rated torque), statusword."""
+
+    statusword: int
+    position: float
+    effort: float
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What only the physics knows, sampled at a SYNC: for recording and judging, never for control.
+
+    `pose_WB`, `pose_WE` (4, 4); `q`, `dq` (8,) joint positions and velocities; `wheel_slip` (2,) current slip ratios;
+    `base_twist` (v, ω) of the platform over ground; `contact_wrench` (6,) on the gripper, end-point frame.
+    """
+
+    t_ns: int
+    pose_WB: Matrix
+    pose_WE: Matrix
+    q: Vector
+    dq: Vector
+    effort: Vector
+    wheel_velocity: Vector
+    wheel_slip: Vector
+    base_twist: Vector
+    contact_wrench: Vector

@@ -1,0 +1,89 @@
+"""Dead reckoning of the platform from its wheel encoders, and where it will be when a command takes effect.
+
+The planner needs no self-localisation (spec 3.10-3.15): the odometry frame is only a common base for "what the platform really
+does" between a measurement and a command. Slip is not in it; the drift estimate (`drift.py`) carries that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+
+class PlatformPose(NamedTuple):
+    """x, y (m), heading (rad) of the platform's reference point in the odometry frame."""
+
+    x: float
+    y: float
+    heading: float
+
+
+class PlatformRate(NamedTuple):
+    """Forward speed v (m/s) and yaw rate omega (rad/s)."""
+
+    v: float
+    omega: float
+
+
+@dataclass(frozen=True, slots=True)
+class WheelGeometry:
+    """Wheel radius and track in m."""
+
+    radius: float
+    track: float
+
+    def rate(self, left: float, right: float) -> PlatformRate:
+        """Platform rate of wheel rates (rad/s) — or an arc (m, rad) of wheel angles (rad): the map is linear."""
+        return PlatformRate(0.5 * self.radius * (left + right), self.radius * (right - left) / self.track)
+
+    def wheels(self, rate: PlatformRate) -> tuple[float, float]:
+        """Wheel rates (left, right) in rad/s of a platform rate."""
+        half = 0.5 * self.track * rate.omega
+        return (rate.v - half) / self.radius, (rate.v + half) / self.radius
+
+
+def advance(pose: PlatformPose, distance: float, turn: float) -> PlatformPose:
+    """Along a circular arc of length `distance` (m) and angle `turn` (rad); exact for constant v and ω."""
+    half = 0.5 * turn
+    chord = distance * (math.sin(half) / half if abs(half) > 1e-6 else 1.0 - half * half / 6.0)
+    direction = pose.heading + half
+    return PlatformPose(pose.x + chord * math.cos(direction), pose.y + chord * math.sin(direction), pose.heading + turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """State: the last wheel angles (None before the first reading), the pose, the mean rate of the last period and its trend."""
+
+    wheels: tuple[float, float] | None = None
+    pose: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
+    rate: PlatformRate = PlatformRate(0.0, 0.0)
+    trend: PlatformRate = PlatformRate(0.0, 0.0)
+
+    def update(self, geometry: WheelGeometry, left: float, right: float, period_s: float) -> Odometry:
+        """After new wheel angles (rad), one period later. `trend` is the low-passed change of the rate (per s)."""
+        if self.wheels is None:
+            return replace(self, wheels=(left, right))
+        distance, turn = geometry.rate(left - self.wheels[0], right - self.wheels[1])
+        rate = PlatformRate(distance / period_s, turn / period_s)
+        trend = PlatformRate(
+            self.trend.v + _TREND_WEIGHT * ((rate.v - self.rate.v) / period_s - self.trend.v),
+            self.trend.omega + _TREND_WEIGHT * ((rate.omega - self.rate.omega) / period_s - self.trend.omega),
+        )
+        return Odometry((left, right), advance(self.pose, distance, turn), rate, trend)
+
+    def ahead(self, periods: int, period_s: float) -> tuple[PlatformPose, PlatformRate]:
+        """Pose after `periods` more periods and the mean rate of the last of them, extrapolated with the trend.
+
+        The measured rate is the mean of the period before the reading, hence the half period more.
+        """
+        pose, rate = self.pose, self.rate
+        for i in range(1, periods + 1):
+            lead = i * period_s
+            rate = PlatformRate(self.rate.v + self.trend.v * lead, self.rate.omega + self.trend.omega * lead)
+            pose = advance(pose, rate.v * period_s, rate.omega * period_s)
+        return pose, rate
+
+
+_TREND_WEIGHT = 0.4
+"""Weight of one difference of rates in the trend: quick enough for the wheels' 64 ms, dull enough for encoder noise."""

@@ -1,0 +1,109 @@
+"""What the planner can be told while it runs: every field is reachable through its object dictionary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from stack.messages import Vector
+
+
+class Method(IntEnum):
+    """Redundancy resolution methods, as object 2001h numbers them."""
+
+    PNS = 0
+    FSP = 1
+    GRADIENT = 2
+    QP = 3
+
+    @classmethod
+    def named(cls, name: str) -> Method:
+        return cls[name.upper()]
+
+
+class Coordination(IntEnum):
+    """How arm and platform share a motion, as object 2002h numbers it."""
+
+    ABC = 0
+    UNIFIED = 1
+    ARM_ONLY = 2
+
+    @classmethod
+    def named(cls, name: str) -> Coordination:
+        return cls[name.upper().replace("-", "_")]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preferences:
+    """Preferred joint velocity `z_i = a_i tanh((q_pref,i − q_i)/c_i)` and weights (2.160); the platform's wishes (4.1.3).
+
+    preferred, heights, widths (n,) for the arm; weights (n + 2,) the diagonal of B, last two for v and ω.
+    `platform_angle` (rad): wanted angle of the platform's x axis to the horizontal part of the TCP twist; `platform_gain` (1/s) and
+    `platform_max_rate` (rad/s) of the saturated P-controller that keeps it; `platform_feed_forward` in [0, 1]: share of the low-passed
+    TCP speed that the platform would like to drive.
+    """
+
+    preferred: Vector
+    heights: Vector
+    widths: Vector
+    weights: Vector
+    platform_angle: float = 0.0
+    platform_gain: float = 0.0
+    platform_max_rate: float = 0.4
+    platform_feed_forward: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limits:
+    """Bounds that the planner respects: joints (n,), platform scalars; the drives enforce their own, a little wider, ones.
+
+    `padding` (n,): width of the padding zone inside each joint limit.
+    """
+
+    q_min: Vector
+    q_max: Vector
+    padding: Vector
+    dq_max: Vector
+    ddq_max: Vector
+    v_max: float
+    omega_max: float
+    dv_max: float
+    domega_max: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerParameters:
+    """All of it. `arm_period_ns`: the SYNC period; a platform cycle takes `arm_cycles_per_platform_cycle` of them.
+
+    `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `tracker_gain`: weight of one TCP
+    measurement in the drift estimate; `epsilon`: propping threshold (2.139).
+    """
+
+    arm_period_ns: int
+    arm_cycles_per_platform_cycle: int
+    preferences: Preferences
+    limits: Limits
+    method: Method = Method.PNS
+    coordination: Coordination = Coordination.ABC
+    null_space_motion: bool = True
+    joint_limit_rules: bool = True
+    correction_gain: float = 20.0
+    tracker_gain: float = 0.25
+    epsilon: float = 0.02
+    twist_timeout_ns: int = 150_000_000
+    twist_smoothing_s: float = 0.03
+    speed_smoothing_s: float = 0.25
+    window_s: float = 1.0
+
+    @property
+    def arm_period_s(self) -> float:
+        return self.arm_period_ns * 1e-9
+
+
+def flat(n: int, value: float) -> Vector:
+    """(n,) of one value, read-only."""
+    array = np.full(n, value)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,13 @@
+"""The redundancy resolvers, by name. Each is a pure function `resolve(problem: Problem) -> Solution`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from stack.planner.problem import Problem, Solution
+from stack.planner.resolvers import gradient, pns
+
+RESOLVERS: dict[str, Callable[[Problem], Solution]] = {
+    "pns": pns.resolve,
+    "gradient": gradient.resolve,
+}
