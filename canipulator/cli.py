@@ -45,7 +45,9 @@ def list_scenarios() -> None:
 @click.argument("scenario")
 @click.option("--out", type=click.Path(path_type=Path), help="Where the run's files go [default: runs/<scenario>-<n>].")
 @click.option("--seed", type=int, help="Seed of slip and noise [default: the scenario's, 1].")
-@click.option("--duration", type=float, help="Cut the scenario short after so many seconds; expectations are not judged.")
+@click.option(
+    "--duration", type=float, help="Cut the scenario short after so many seconds; expectations are not judged."
+)
 @click.option("--method", help="Redundancy resolution: pns, fsp, gradient, qp.")
 @click.option("--coordination", help="Arm and base: abc, unified, arm-only.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Any scenario key, dotted; repeatable.")

@@ -134,7 +134,7 @@ class StepTable(Table):
             if getattr(self, key) is None:
                 raise ValueError(f"a step of kind {self.kind!r} needs {key}")
         if self.kind in ("drive", "turn") and self.mode != "platform_only":
-            raise ValueError(f"a step of kind {self.kind!r} needs mode = \"platform_only\"")
+            raise ValueError(f'a step of kind {self.kind!r} needs mode = "platform_only"')
         if self.direction is not None and sum(x * x for x in self.direction) < 1e-12:
             raise ValueError("direction must not be the zero vector")
         return self

@@ -76,7 +76,7 @@ class SignalDecoder:
             self._drives(batch, rows, sync_ns, signals)
             self._reference(batch, rows, sync_ns, first, signals, counts)
         self._plain_frames(batch, signals, counts)
-        self._load(frames, batch, signals, last)
+        self._load(frames, batch, signals)
         _truth(block.truths, signals)
         states, events = self._states.decode(batch, signals)
         ordered = sorted([*block.events, *events], key=_time_of)
@@ -202,7 +202,7 @@ class SignalDecoder:
         counts["bad_checksums"] += int(np.sum(~good))
         return found[good]
 
-    def _load(self, frames: Sequence[Frame], batch: FrameBatch, signals: dict[str, Signal], last: bool) -> None:
+    def _load(self, frames: Sequence[Frame], batch: FrameBatch, signals: dict[str, Signal]) -> None:
         """Bits of each window of 100 ms against the bit rate; the window that is still open is carried along."""
         if not len(frames):
             return

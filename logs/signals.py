@@ -19,8 +19,8 @@ Signals that the decoder makes from frames and truth, all in SI units. "cycle" r
 | `bus/load`, `bus/frames` | share of the bit rate; frames | end of each 100 ms |
 | `truth/...` | as in `Truth`: `pose_WB`, `pose_WE` (n, 4, 4), `q`, `dq`, `effort`, … | truth sample |
 | `tcp/error` | distance m, lateral m, rotation rad | truth sample with a valid reference |
-| `tcp/commanded` | x y z of the reference in the world | as `tcp/error` |
-| `manipulability` | arm, robot, wrist centre of the arm | 20 Hz |
+| `tcp/commanded` | reference in the world: position, quaternion xyzw | as `tcp/error` |
+| `manipulability`, `singular_values/…`, `ellipsoid/…` | see `logs.dexterity` | 20 Hz |
 """
 
 from __future__ import annotations
@@ -122,3 +122,20 @@ class SignalTable:
     def names(self) -> list[str]:
         """Names of the signals that have values, sorted."""
         return sorted(self._parts)
+
+
+class Decimation:
+    """Picks rows at a fixed rate of run time: the first one in every step, over any number of blocks."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._step_ns = round(1e9 / rate_hz)
+        self._next: int | None = None
+
+    def due(self, t_ns: Ints) -> Ints:
+        """Indices into `t_ns` (ascending) of the rows to take."""
+        if not len(t_ns):
+            return np.empty(0, np.int64)
+        step = t_ns // self._step_ns
+        new = np.append(self._next is None or int(step[0]) >= self._next, np.diff(step) > 0)
+        self._next = int(step[-1]) + 1
+        return np.flatnonzero(new)

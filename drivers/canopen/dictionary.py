@@ -145,7 +145,7 @@ class ObjectDictionary:
         return encode(entry.definition.data_type, entry.read())
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """What an SDO client writes. Raises SdoAbort: no such object, read-only, length, range, or what `check` says."""
+        """What an SDO client writes. Raises SdoAbort: no such object, read-only, length, range, refused by `check`."""
         entry = self.entry(index, subindex)
         if entry.definition.access in (Access.RO, Access.CONST):
             raise SdoAbort(AbortCode.READ_ONLY, f"{entry.name} is read-only")

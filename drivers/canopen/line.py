@@ -39,7 +39,7 @@ class Line:
         if self._port is not None and can_id not in self._heard:
             # a port's filter is fixed when it is made, and identifiers may be changed over SDO
             self._heard.add(can_id)
-            self._bus.attach(self.name, [can_id], self._on_frame)
+            self._bus.attach(f"{self.name} {can_id:03X}h", [can_id], self._on_frame)
 
     def ignore(self, can_id: int, handler: Handler) -> None:
         """Ends what `listen` began; harmless if there was nothing."""

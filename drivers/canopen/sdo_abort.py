@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-TOGGLE_NOT_ALTERNATED = 0x0503_0000
-TIMED_OUT = 0x0504_0000
-COMMAND_UNKNOWN = 0x0504_0001
-NO_SUCH_OBJECT = 0x0602_0000
-LENGTH_MISMATCH = 0x0607_0010
-NO_SUCH_SUBINDEX = 0x0609_0011
-GENERAL_ERROR = 0x0800_0000
+from drivers.canopen.abort import AbortCode
 
 ABORT_TEXT = {
-    TOGGLE_NOT_ALTERNATED: "toggle bit not alternated",
-    TIMED_OUT: "SDO protocol timed out",
-    COMMAND_UNKNOWN: "command specifier not valid or unknown",
+    0x0503_0000: "toggle bit not alternated",
+    0x0504_0000: "SDO protocol timed out",
+    0x0504_0001: "command specifier not valid or unknown",
     0x0504_0002: "invalid block size",
     0x0504_0003: "invalid sequence number",
     0x0504_0004: "CRC error",
@@ -21,22 +15,22 @@ ABORT_TEXT = {
     0x0601_0000: "unsupported access to an object",
     0x0601_0001: "attempt to read a write-only object",
     0x0601_0002: "attempt to write a read-only object",
-    NO_SUCH_OBJECT: "object does not exist in the object dictionary",
+    0x0602_0000: "object does not exist in the object dictionary",
     0x0604_0041: "object cannot be mapped to the PDO",
     0x0604_0042: "number and length of the objects to be mapped would exceed the PDO length",
     0x0604_0043: "general parameter incompatibility",
     0x0604_0047: "general internal incompatibility in the device",
     0x0606_0000: "access failed due to a hardware error",
-    LENGTH_MISMATCH: "data type does not match, length of service parameter does not match",
+    0x0607_0010: "data type does not match, length of service parameter does not match",
     0x0607_0012: "data type does not match, length of service parameter too high",
     0x0607_0013: "data type does not match, length of service parameter too low",
-    NO_SUCH_SUBINDEX: "subindex does not exist",
+    0x0609_0011: "subindex does not exist",
     0x0609_0030: "value of parameter invalid",
     0x0609_0031: "value of parameter written too high",
     0x0609_0032: "value of parameter written too low",
     0x0609_0036: "maximum value is less than minimum value",
     0x060A_0023: "resource not available: SDO connection",
-    GENERAL_ERROR: "general error",
+    0x0800_0000: "general error",
     0x0800_0020: "data cannot be transferred or stored to the application",
     0x0800_0021: "data cannot be transferred or stored to the application because of local control",
     0x0800_0022: "data cannot be transferred or stored to the application because of the present device state",
@@ -46,7 +40,7 @@ ABORT_TEXT = {
 
 
 class StepError(Exception):
-    """One step of a sequence did not give what it should: `expected` and `came` in words, `code` where the device gave one."""
+    """A step of a sequence failed: what was `expected` and what `came`, in words; `code` if the device gave one."""
 
     def __init__(self, expected: str, came: str, code: int = 0) -> None:
         super().__init__(f"expected {expected}, came {came}")
@@ -75,5 +69,5 @@ class SdoTimeout(StepError):
         super().__init__(
             f"an answer to the SDO request for {index:04X}h sub {subindex} within {timeout_ns / 1e6:g} ms",
             f"none, {attempts} times",
-            TIMED_OUT,
+            AbortCode.TIMED_OUT,
         )

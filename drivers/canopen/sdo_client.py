@@ -10,16 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.canopen.sdo_abort import (
-    COMMAND_UNKNOWN,
-    GENERAL_ERROR,
-    LENGTH_MISMATCH,
-    TIMED_OUT,
-    TOGGLE_NOT_ALTERNATED,
-    SdoAborted,
-    SdoTimeout,
-    StepError,
-)
+from drivers.canopen.abort import AbortCode
+from drivers.canopen.sdo_abort import SdoAborted, SdoTimeout, StepError
 from drivers.clock import Clock, Timer
 from drivers.frame import Frame
 
@@ -97,7 +89,7 @@ class SdoClient:
         """Gives up all requests without calling their `on_done`; the server is told to drop the one in flight."""
         self._queue.clear()
         if self._active is not None:
-            self._transmit_abort(self._active, GENERAL_ERROR)
+            self._transmit_abort(self._active, AbortCode.GENERAL)
             self._release()
 
     def on_frame(self, frame: Frame) -> None:
@@ -154,14 +146,14 @@ class SdoClient:
             return
         if transfer.payload is not None:
             if command != 0x60:
-                self._abort(transfer, COMMAND_UNKNOWN)
+                self._abort(transfer, AbortCode.UNKNOWN_COMMAND)
             elif 1 <= len(transfer.payload) <= 4:
                 self._finish(b"")
             else:
                 transfer.in_segments = True
                 self._send_segment(transfer, transfer.payload)
         elif command >> 5 != 2:
-            self._abort(transfer, COMMAND_UNKNOWN)
+            self._abort(transfer, AbortCode.UNKNOWN_COMMAND)
         elif command & 0x02:  # expedited; without a size indication all four bytes count
             self._finish(bytes(data[4 : 8 - (command >> 2 & 3 if command & 1 else 0)]))
         else:
@@ -172,17 +164,17 @@ class SdoClient:
     def _on_upload_segment(self, transfer: _Transfer, data: bytes) -> None:
         command = data[0]
         if command >> 5 != 0:
-            self._abort(transfer, COMMAND_UNKNOWN)
+            self._abort(transfer, AbortCode.UNKNOWN_COMMAND)
             return
         if command & 0x10 != transfer.toggle:
-            self._abort(transfer, TOGGLE_NOT_ALTERNATED)
+            self._abort(transfer, AbortCode.TOGGLE_BIT)
             return
         transfer.received += data[1 : 8 - (command >> 1 & 7)]
         transfer.toggle ^= 0x10
         length, announced = len(transfer.received), transfer.announced
         is_last = bool(command & 1)
         if announced is not None and (length > announced or (is_last and length != announced)):
-            self._abort(transfer, LENGTH_MISMATCH)
+            self._abort(transfer, AbortCode.LENGTH_MISMATCH)
         elif is_last:
             self._finish(bytes(transfer.received))
         else:
@@ -190,9 +182,9 @@ class SdoClient:
 
     def _on_download_segment(self, transfer: _Transfer, data: bytes, payload: bytes) -> None:
         if data[0] >> 5 != 1:
-            self._abort(transfer, COMMAND_UNKNOWN)
+            self._abort(transfer, AbortCode.UNKNOWN_COMMAND)
         elif data[0] & 0x10 != transfer.toggle:
-            self._abort(transfer, TOGGLE_NOT_ALTERNATED)
+            self._abort(transfer, AbortCode.TOGGLE_BIT)
         elif transfer.offset >= len(payload):
             self._finish(b"")
         else:
@@ -225,7 +217,7 @@ class SdoClient:
     def _on_timeout(self) -> None:
         transfer = self._active
         assert transfer is not None
-        self._transmit_abort(transfer, TIMED_OUT)
+        self._transmit_abort(transfer, AbortCode.TIMED_OUT)
         if transfer.attempt < self._attempts:
             self._initiate(transfer)
         else:

@@ -17,9 +17,10 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from drivers.canopen.abort import SdoAbort
+from drivers.canopen.data_types import decode, encode
 from drivers.canopen.sdo_abort import StepError
 from drivers.canopen.sdo_client import SdoClient
-from drivers.canopen.values import decode_value, encode_value
 from drivers.clock import Clock, Timer
 from drivers.objects import DataType, Value
 
@@ -62,7 +63,10 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """Waits until the predicate holds (looked at after every frame), at most `timeout_ns`. `came` says what was there instead."""
+    """Waits until the predicate holds (looked at after every frame), at most `timeout_ns`.
+
+    `what` is waited for, in words; `came` says what is there instead when the time is over.
+    """
 
     predicate: Callable[[], bool]
     timeout_ns: int
@@ -80,7 +84,7 @@ Sequence = Generator[Step, Any, Result]
 
 @dataclass(frozen=True, slots=True)
 class SequenceFailure:
-    """Which node, in which sequence and step, what was expected and what came; `code`: SDO abort or error code, or 0."""
+    """Which node, in which sequence and step, what was expected, what came; `code`: SDO abort or error code, or 0."""
 
     node_id: int
     sequence: str
@@ -112,6 +116,7 @@ class Run:
         self.name = name
         self.step = "start"
         self.done = False
+        self.running = False
         self.generator = generator
         self.client = client
         self.data_types = data_types
@@ -126,12 +131,12 @@ class Run:
         self.waiting = None
         if self.timer is not None:
             self.timer.cancel()
-        if not self.generator.gi_running:  # else it is cancelled by what it does itself, and closed at its next step
+        if not self.running:  # else it is cancelled by what it does itself, and closed at its next step
             self.generator.close()
 
 
 class Sequencer:
-    """Runs sequences side by side, driven by the answers of SDO servers, the clock, and `poll` after received frames."""
+    """Runs sequences side by side, driven by the answers of SDO servers, the clock, and `poll` after frames."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -164,26 +169,25 @@ class Sequencer:
 
     def _advance(self, run: Run, outcome: Any) -> None:
         """Feeds the outcome of the last step to the generator and starts its next step(s)."""
+        generator = run.generator
         while True:
+            run.running = True
             try:
-                if isinstance(outcome, StepError):
-                    step = run.generator.throw(outcome)
-                else:
-                    step = run.generator.send(outcome)
+                step = generator.throw(outcome) if isinstance(outcome, StepError) else generator.send(outcome)
             except StopIteration as end:
                 if not run.done:
                     run.done = True
                     run.on_end(end.value)
                 return
             except StepError as error:
-                if run.done:
-                    return
-                run.done = True
-                failure = SequenceFailure(run.node_id, run.name, run.step, error.expected, error.came, error.code)
-                run.on_failure(failure)
+                if not run.done:
+                    run.done = True
+                    run.on_failure(_failure(run, error))
                 return
+            finally:
+                run.running = False
             if run.done:  # cancelled meanwhile
-                run.generator.close()
+                generator.close()
                 return
             run.step = str(step)
             if isinstance(step, Until) and step.predicate():
@@ -199,7 +203,7 @@ class Sequencer:
                 step.index, step.subindex, lambda outcome: self._on_uploaded(run, step, data_type, outcome)
             )
         elif isinstance(step, Download):
-            data = encode_value(self._type_of(run, step), step.value)
+            data = encode(self._type_of(run, step), step.value)
             run.client.download(
                 step.index,
                 step.subindex,
@@ -220,8 +224,8 @@ class Sequencer:
         data_type = step.data_type or run.data_types.get((step.index, step.subindex))
         if data_type is None:
             raise KeyError(
-                f"node {run.node_id}: {step.index:04X}h sub {step.subindex} is to be written, but its data type is not known:"
-                " give it in the Download, or have the object in the device's definition"
+                f"node {run.node_id}: cannot {step}: its data type is not known; give it in the Download, or have the"
+                " object in the device's definition"
             )
         return data_type
 
@@ -233,8 +237,8 @@ class Sequencer:
             self._resume(run, int.from_bytes(outcome, "little"))
             return
         try:
-            value: Any = decode_value(data_type, outcome)
-        except ValueError as error:
+            value: Any = decode(data_type, outcome)
+        except SdoAbort as error:
             value = StepError(f"{data_type.name} at {step.index:04X}h sub {step.subindex}", str(error))
         self._resume(run, value)
 
@@ -256,3 +260,7 @@ class Sequencer:
             run.timer = None
         if run in self._waiting:
             self._waiting.remove(run)
+
+
+def _failure(run: Run, error: StepError) -> SequenceFailure:
+    return SequenceFailure(run.node_id, run.name, run.step, error.expected, error.came, error.code)

@@ -6,63 +6,55 @@ sensor's latency costs nothing but delay; each one moves the estimate by `gain` 
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from stack.kinematics.se3 import exp_so3, log_so3
+from stack.kinematics.se3 import rotation_exp, rotation_log
 from stack.messages import Matrix, TrackedPose
 
 _HISTORY = 64
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class DriftEstimate:
-    """The estimate and the believed TCP poses of the last cycles; owned by the planner's state, one per run.
+    """`T_RO` (4, 4): identity until the first measurement, which it then takes over whole; `beliefs`: the believed TCP poses
+    T_OE of the last cycles with their times."""
 
-    `T_RO` (4, 4): identity until the first measurement, which it then takes over whole.
-    """
-
-    gain: float
     T_RO: Matrix = field(default_factory=lambda: np.eye(4))
     measured: bool = False
-    _beliefs: deque[tuple[int, Matrix]] = field(default_factory=lambda: deque(maxlen=_HISTORY))
+    beliefs: tuple[tuple[int, Matrix], ...] = ()
 
-    def believe(self, t_ns: int, T_OE: Matrix) -> None:
-        """Remember where odometry and encoders put the TCP at `t_ns`."""
-        self._beliefs.append((t_ns, T_OE))
+    def believing(self, t_ns: int, T_OE: Matrix) -> DriftEstimate:
+        """With the belief of `t_ns` remembered."""
+        return replace(self, beliefs=(*self.beliefs[1 - _HISTORY :], (t_ns, T_OE)))
 
-    def measure(self, tracked: TrackedPose, t_ns: int) -> bool:
-        """Take in a measurement received at `t_ns`, `age_ns` old. False when it is older than what is remembered."""
+    def measured_by(self, tracked: TrackedPose, t_ns: int, gain: float) -> DriftEstimate:
+        """With a measurement taken in that was received at `t_ns`, `age_ns` old. One that is older than memory changes nothing."""
         belief = self._belief_at(t_ns - tracked.age_ns)
         if belief is None:
-            return False
+            return self
         predicted = self.T_RO @ belief
-        weight = self.gain if self.measured else 1.0
-        rotation = exp_so3(weight * log_so3(exp_so3(tracked.rotation_vector) @ predicted[:3, :3].T))
+        weight = gain if self.measured else 1.0
+        turn = rotation_exp(weight * rotation_log(rotation_exp(tracked.rotation_vector) @ predicted[:3, :3].T))
         # The correction turns about the TCP: orientation noise then does not throw the position about.
         position = predicted[:3, 3] + weight * (tracked.position - predicted[:3, 3])
         corrected = np.eye(4)
-        corrected[:3, :3] = rotation @ self.T_RO[:3, :3]
+        corrected[:3, :3] = turn @ self.T_RO[:3, :3]
         corrected[:3, 3] = position - corrected[:3, :3] @ belief[:3, 3]
-        self.T_RO = corrected
-        self.measured = True
-        return True
+        return replace(self, T_RO=corrected, measured=True)
 
     def _belief_at(self, t_ns: int) -> Matrix | None:
         """The believed TCP pose at `t_ns`, position linear between cycles (rotation of the nearer one)."""
-        earlier: tuple[int, Matrix] | None = None
-        for entry in reversed(self._beliefs):
-            if entry[0] <= t_ns:
-                earlier = entry
-                break
-            later = entry
-        if earlier is None:
-            return None
-        if earlier[0] == t_ns or earlier is self._beliefs[-1]:
-            return earlier[1]
-        u = (t_ns - earlier[0]) / (later[0] - earlier[0])
-        pose = (earlier if u < 0.5 else later)[1].copy()
-        pose[:3, 3] = (1.0 - u) * earlier[1][:3, 3] + u * later[1][:3, 3]
-        return pose
+        later: tuple[int, Matrix] | None = None
+        for entry in reversed(self.beliefs):
+            if entry[0] > t_ns:
+                later = entry
+                continue
+            if later is None or entry[0] == t_ns:
+                return entry[1]
+            u = (t_ns - entry[0]) / (later[0] - entry[0])
+            pose = (entry if u < 0.5 else later)[1].copy()
+            pose[:3, 3] = (1.0 - u) * entry[1][:3, 3] + u * later[1][:3, 3]
+            return pose
+        return None

@@ -10,6 +10,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from stack.kinematics.platform import platform_twist
+from stack.kinematics.robot_file import PlatformParameters
+
 
 class PlatformPose(NamedTuple):
     """x, y (m), heading (rad) of the platform's reference point in the odometry frame."""
@@ -24,23 +27,6 @@ class PlatformRate(NamedTuple):
 
     v: float
     omega: float
-
-
-@dataclass(frozen=True, slots=True)
-class WheelGeometry:
-    """Wheel radius and track in m."""
-
-    radius: float
-    track: float
-
-    def rate(self, left: float, right: float) -> PlatformRate:
-        """Platform rate of wheel rates (rad/s) — or an arc (m, rad) of wheel angles (rad): the map is linear."""
-        return PlatformRate(0.5 * self.radius * (left + right), self.radius * (right - left) / self.track)
-
-    def wheels(self, rate: PlatformRate) -> tuple[float, float]:
-        """Wheel rates (left, right) in rad/s of a platform rate."""
-        half = 0.5 * self.track * rate.omega
-        return (rate.v - half) / self.radius, (rate.v + half) / self.radius
 
 
 def advance(pose: PlatformPose, distance: float, turn: float) -> PlatformPose:
@@ -60,11 +46,12 @@ class Odometry:
     rate: PlatformRate = PlatformRate(0.0, 0.0)
     trend: PlatformRate = PlatformRate(0.0, 0.0)
 
-    def update(self, geometry: WheelGeometry, left: float, right: float, period_s: float) -> Odometry:
+    def update(self, platform: PlatformParameters, left: float, right: float, period_s: float) -> Odometry:
         """After new wheel angles (rad), one period later. `trend` is the low-passed change of the rate (per s)."""
         if self.wheels is None:
             return replace(self, wheels=(left, right))
-        distance, turn = geometry.rate(left - self.wheels[0], right - self.wheels[1])
+        # The map from wheel rates to platform rates is linear: it maps wheel angles to arc and turn as well.
+        distance, turn = platform_twist(platform, left - self.wheels[0], right - self.wheels[1])
         rate = PlatformRate(distance / period_s, turn / period_s)
         trend = PlatformRate(
             self.trend.v + _TREND_WEIGHT * ((rate.v - self.rate.v) / period_s - self.trend.v),

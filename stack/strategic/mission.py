@@ -148,7 +148,10 @@ class Mission:
             return state, MissionOutputs(ZERO_TWIST, step.mode, state.index)
         moving = replace(state, stage=Stage.MOVING, began_ns=inputs.t_ns, rotation_RE=inputs.rotation_RE)
         return moving, MissionOutputs(
-            _twist(step, moving, 0.0), step.mode, state.index, event=f"step {state.index + 1}/{len(self.steps)} {step.name!r} begins"
+            _twist(step, moving, 0.0),
+            step.mode,
+            state.index,
+            event=f"step {state.index + 1}/{len(self.steps)} {step.name!r} begins",
         )
 
     def _move(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:

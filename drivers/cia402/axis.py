@@ -1,0 +1,186 @@
+"""The master's view of one drive: what it last said, and the command that goes to it next."""
+
+from __future__ import annotations
+
+import struct
+
+from drivers.cia402.phases import AxisPhase, EmergencyMessage
+from drivers.cia402.states import State, state_of
+from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind
+from stack.messages import DriveFeedback
+
+_COMMAND = struct.Struct("<HiH")  # torque offset as two's complement: one mask instead of a sign check
+_FEEDBACK = struct.Struct("<Hih")
+_VELOCITY = struct.Struct("<ib")
+
+TARGET_POSITION, TARGET_VELOCITY = (0x607A, 0), (0x60FF, 0)
+COMMAND_OBJECTS = (((0x6040, 0), TARGET_POSITION, (0x60B2, 0)), ((0x6040, 0), TARGET_VELOCITY, (0x60B2, 0)))
+FEEDBACK_OBJECTS = ((0x6041, 0), (0x6064, 0), (0x6077, 0))
+MODE_CSP, MODE_CSV = 8, 9
+LOW, HIGH = -(1 << 31), (1 << 31) - 1
+OFFSET_LOW, OFFSET_HIGH = -(1 << 15), (1 << 15) - 1
+
+
+class AxisClient:
+    """One drive as its master sees it. Raw integers are those of the wire; SI by `*_scale`.
+
+    `device` has to map controlword, target (607Ah: position; 60FFh: velocity) and torque offset in RPDO1, and
+    statusword, position and torque in TPDO1; ValueError otherwise. What was not received within `timeout_ns` is
+    missing: None, never zero.
+    """
+
+    __slots__ = (
+        "causes",
+        "command_id",
+        "controlword",
+        "device",
+        "effort_scale",
+        "emergencies",
+        "feedback_id",
+        "follows_planner",
+        "heartbeat_ns",
+        "missed_syncs",
+        "mode",
+        "name",
+        "needs_configuration",
+        "nmt_state",
+        "node_id",
+        "offset_raw",
+        "phase",
+        "position_raw",
+        "position_scale",
+        "previous_position_raw",
+        "received_ns",
+        "sent",
+        "started",
+        "statusword",
+        "target_raw",
+        "timeout_ns",
+        "torque_raw",
+        "unreported_emergency",
+        "velocity_id",
+        "velocity_ns",
+        "velocity_raw",
+        "velocity_scale",
+    )
+
+    def __init__(self, device: DeviceDef, timeout_ns: int) -> None:
+        command = _pdo(device, PdoKind.RPDO, 1)
+        if command.mapping not in COMMAND_OBJECTS:
+            raise ValueError(f"{device.name}: RPDO1 maps {_names(command)}; must be 6040h, 607Ah or 60FFh, 60B2h")
+        feedback = _pdo(device, PdoKind.TPDO, 1)
+        if feedback.mapping != FEEDBACK_OBJECTS:
+            raise ValueError(f"{device.name}: TPDO1 maps {_names(feedback)}; must be 6041h, 6064h, 6077h")
+        self.device = device
+        self.node_id = device.node_id
+        self.name = device.name
+        self.timeout_ns = timeout_ns
+        self.mode = MODE_CSP if TARGET_POSITION in command.mapping else MODE_CSV
+        self.command_id = command.cob_id
+        self.feedback_id = feedback.cob_id
+        self.velocity_id = _velocity_id(device)
+        self.position_scale = _scale(device, 0x6064)
+        self.velocity_scale = _scale(device, 0x606C)
+        self.effort_scale = 1e-6 * int(_default(device, 0x6076, 1000))
+        """N·m (N) per wire unit: ‰ of the rated torque, which 6076h gives in thousandths."""
+        self.phase = AxisPhase.ABSENT
+        self.started = False
+        """The master has started it by NMT and serves it with commands."""
+        self.needs_configuration = True
+        self.follows_planner = False
+        self.controlword = 0
+        self.target_raw = 0
+        self.offset_raw = 0
+        self.sent = 0
+        self.statusword: int | None = None
+        self.position_raw = self.previous_position_raw = self.torque_raw = self.velocity_raw = 0
+        self.received_ns = self.velocity_ns = 0
+        self.missed_syncs = 0
+        self.nmt_state: int | None = None
+        self.heartbeat_ns: int | None = None
+        self.emergencies: list[EmergencyMessage] = []
+        self.unreported_emergency: EmergencyMessage | None = None
+        self.causes: list[str] = []
+        """Why it is in FAULT, first cause first."""
+
+    @property
+    def state(self) -> State | None:
+        """CiA 402 state of the last statusword, None before the first one."""
+        return None if self.statusword is None else state_of(self.statusword)
+
+    @property
+    def target_scale(self) -> float:
+        return self.position_scale if self.mode == MODE_CSP else self.velocity_scale
+
+    def take_feedback(self, data: bytes, now_ns: int) -> None:
+        """TPDO1. While the drive does not follow its target, the target follows the drive: enabling starts without a jump.
+
+        Raises struct.error for another length than 8.
+        """
+        self.previous_position_raw = self.position_raw
+        self.statusword, self.position_raw, self.torque_raw = _FEEDBACK.unpack(data)
+        self.received_ns = now_ns
+        self.missed_syncs = 0
+        if not self.follows_planner:
+            if self.mode == MODE_CSV:
+                self.target_raw = 0
+            elif self.state is not State.OPERATION_ENABLED:
+                self.target_raw = self.position_raw
+
+    def take_velocity(self, data: bytes, now_ns: int) -> None:
+        """TPDO2. Raises struct.error for another length than 5."""
+        self.velocity_raw, _ = _VELOCITY.unpack(data)
+        self.velocity_ns = now_ns
+
+    def command(self) -> bytes:
+        """RPDO1 as it goes out now."""
+        return _COMMAND.pack(self.controlword, self.target_raw, self.offset_raw & 0xFFFF)
+
+    def feedback(self, now_ns: int) -> DriveFeedback | None:
+        """The last TPDO1 in SI units, None when there was none within the time-out."""
+        if self.statusword is None or now_ns - self.received_ns > self.timeout_ns:
+            return None
+        return DriveFeedback(
+            self.statusword, self.position_raw * self.position_scale, self.torque_raw * self.effort_scale
+        )
+
+    def forget(self) -> None:
+        """The drive has rebooted: nothing that it said before holds."""
+        self.statusword = None
+        self.started = self.follows_planner = False
+        self.needs_configuration = True
+        self.controlword = 0
+
+
+def data_types(device: DeviceDef) -> dict[tuple[int, int], DataType]:
+    """Type of every object of a device."""
+    return {entry.key: entry.data_type for entry in device.objects}
+
+
+def _pdo(device: DeviceDef, kind: PdoKind, number: int) -> PdoDef:
+    for pdo in device.pdos:
+        if pdo.kind is kind and pdo.number == number and pdo.enabled:
+            return pdo
+    raise ValueError(f"{device.name}: has no enabled {kind.name}{number}; a drive needs RPDO1 and TPDO1")
+
+
+def _names(pdo: PdoDef) -> str:
+    return ", ".join(f"{index:04X}h" for index, _ in pdo.mapping) or "nothing"
+
+
+def _velocity_id(device: DeviceDef) -> int | None:
+    for pdo in device.pdos:
+        if pdo.kind is PdoKind.TPDO and pdo.enabled and pdo.mapping == ((0x606C, 0), (0x6061, 0)):
+            return pdo.cob_id
+    return None
+
+
+def _scale(device: DeviceDef, index: int) -> float:
+    return device.object(index).scale
+
+
+def _default(device: DeviceDef, index: int, fallback: int) -> int | float | str:
+    try:
+        return device.object(index).default
+    except KeyError:
+        return fallback

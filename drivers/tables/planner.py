@@ -1,0 +1,96 @@
+"""The planner: its state and reference as fast frames, its parameters as objects (2000h …)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from drivers.objects import Access, DataType, DeviceDef, ObjectDef
+from drivers.tables.communication import U8, U16, Identity, array
+from drivers.tables.fast import FastFrame, Signal, fast_device, vector
+
+I16, I24, REAL32 = DataType.INTEGER16, DataType.INTEGER24, DataType.REAL32
+
+POSITION_SCALE_M = 2e-6
+ROTATION_SCALE_RAD = 1e-4
+PATH_SCALE_ONE = 65535
+
+JOINT_NAMES = tuple(f"joint {i}" for i in range(1, 9))
+WEIGHT_NAMES = (*JOINT_NAMES, "platform v", "platform omega")
+PREFERENCE_NAMES = (*JOINT_NAMES, "unused 9", "unused 10")
+
+
+class Method(IntEnum):
+    """2001h: the resolver of redundancy."""
+
+    PNS = 0
+    FSP = 1
+    GRADIENT = 2
+    QP = 3
+
+
+class Coordination(IntEnum):
+    """2002h: how arm and platform share the task."""
+
+    ABC = 0
+    UNIFIED = 1
+    ARM_ONLY = 2
+
+
+MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE = range(0x2000, 0x2008)
+PREFERRED_CONFIGURATION, HEIGHTS, WIDTHS, WEIGHTS, PLATFORM = range(0x2010, 0x2015)
+CONFIGURATION, TCP_POSITION, TCP_ROTATION_VECTOR = range(0x2020, 0x2023)
+SINGULAR_VALUES, MANIPULABILITY = range(0x2030, 0x2032)
+PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD = range(1, 5)
+"""Sub-indices of 2014h."""
+
+FRAMES = (
+    FastFrame(
+        1,
+        "state",
+        0x2101,
+        (
+            Signal("phase", U8, key=(PHASE, 0)),
+            Signal("status", U8, key=(STATUS, 0)),
+            Signal("restrictions", U16, key=(RESTRICTIONS, 0)),
+            Signal("path_scale", U16, key=(PATH_SCALE, 0), scale=1 / PATH_SCALE_ONE),
+        ),
+    ),
+    FastFrame(2, "reference_xy", 0x2102, vector("x y", I24, "m", POSITION_SCALE_M)),
+    FastFrame(
+        3,
+        "reference_z",
+        0x2103,
+        (Signal("z", I24, "m", POSITION_SCALE_M), Signal("valid", U8, high=1), Signal("sync_count", U16)),
+    ),
+    FastFrame(4, "reference_rotation", 0x2104, vector("rx ry rz", I16, "rad", ROTATION_SCALE_RAD)),
+)
+
+
+def planner(node_id: int, watched: list[int]) -> DeviceDef:
+    """The planner produces SYNC and watches the heartbeats of `watched`, i.e. of everybody else."""
+    identity = Identity("planner", 3, sync_producer=True)
+    return fast_device("planner", node_id, identity, FRAMES, _parameters(), watched)
+
+
+def _parameters() -> list[ObjectDef]:
+    return [
+        ObjectDef(MODE, 0, "Mode", U8, Access.RO, 0),
+        ObjectDef(METHOD, 0, "Method", U8, Access.RW, Method.PNS, low=0, high=max(Method)),
+        ObjectDef(COORDINATION, 0, "Coordination", U8, Access.RW, Coordination.ABC, low=0, high=max(Coordination)),
+        ObjectDef(PHASE, 0, "Phase", U8, Access.RO, 0, mappable=True),
+        ObjectDef(RESTRICTIONS, 0, "Restrictions", U16, Access.RO, 0, mappable=True),
+        ObjectDef(NULL_SPACE_MOTION, 0, "Null space motion", U8, Access.RW, 1, low=0, high=1),
+        ObjectDef(STATUS, 0, "Status", U8, Access.RO, 0, mappable=True),
+        ObjectDef(PATH_SCALE, 0, "Path scale", U16, Access.RO, PATH_SCALE_ONE, mappable=True, scale=1 / PATH_SCALE_ONE),
+        # joint 2 is the lift: metres where the others have radians
+        *array(PREFERRED_CONFIGURATION, "Preferred configuration", PREFERENCE_NAMES, REAL32),
+        *array(HEIGHTS, "Heights of the preferences", PREFERENCE_NAMES, REAL32),
+        *array(WIDTHS, "Widths of the preferences", PREFERENCE_NAMES, REAL32, defaults=[1.0] * 10),
+        *array(WEIGHTS, "Weights of the motions", WEIGHT_NAMES, REAL32, defaults=[1.0] * 10),
+        *array(PLATFORM, "Platform", ("angle", "gain", "max rate", "feed forward"), REAL32),
+        *array(CONFIGURATION, "Configuration", JOINT_NAMES, REAL32, access=Access.RO),
+        *array(TCP_POSITION, "TCP position", ("x", "y", "z"), REAL32, access=Access.RO, unit="m"),
+        *array(TCP_ROTATION_VECTOR, "TCP rotation vector", ("x", "y", "z"), REAL32, access=Access.RO, unit="rad"),
+        *array(SINGULAR_VALUES, "Singular values", [f"sigma {i}" for i in range(1, 7)], REAL32, access=Access.RO),
+        *array(MANIPULABILITY, "Manipulability", ("arm", "robot"), REAL32, access=Access.RO),
+    ]

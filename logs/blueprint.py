@@ -1,0 +1,134 @@
+"""How a recording opens: the robot and what an engineer looks at first; what is of second rank waits in tabs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from logs.scene import ELLIPSOID_SCALE, PATHS
+
+TIMELINE = "sim_time"
+_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/wheels", "drives/joints")
+
+
+def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str, ...]]:
+    """Entity paths of every view, by the view's title; a path that ends in `/**` stands for all below it."""
+    each = {f"{name}": (f"joints/each/{name}",) for name in joint_names}
+    return {
+        f"{robot} — ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
+        "TCP error [mm]": ("tcp/error_mm",),
+        "Joint positions [share of range, limits at ±1]": ("joints/share", "joints/limits"),
+        "Manipulability": ("manipulability",),
+        "Platform v [m/s]": ("platform/v/commanded", "platform/v/encoder", "platform/v/true"),
+        "Platform ω [rad/s]": ("platform/omega/commanded", "platform/omega/encoder", "platform/omega/true"),
+        "Bus load [%]": ("bus/load_percent",),
+        "Path scale": ("planner/path_scale",),
+        "States": tuple(f"states/{lane}" for lane in _OVERVIEW_STATES),
+        "Events": ("events",),
+        **each,
+        "Joint velocities [share of limit]": ("joints/velocity_share",),
+        "Joint efforts [N·m, lift N]": ("joints/effort/actual",),
+        "Effort offsets sent [N·m, lift N]": ("joints/effort/offset",),
+        "Drives and nodes": ("states/drives/**", "states/nodes/**"),
+        "Frames [1/s]": ("bus/frames_per_s",),
+        "Singular values, arm": ("singular_values/arm",),
+        "Singular values, robot": ("singular_values/robot",),
+        "Rotation error [mrad]": ("tcp/rotation_error_mrad",),
+        "Tracker error [mm]": ("tracker/position_error_mm",),
+        "Force at the gripper [N]": ("wrench/force",),
+        "Torque at the gripper [N·m]": ("wrench/torque",),
+        "Commanded twist, linear [m/s]": ("twist/linear",),
+        "Commanded twist, angular [rad/s]": ("twist/angular",),
+        "Wheel slip [%]": ("wheels/slip_percent",),
+    }
+
+
+def blueprint(joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None = None) -> rrb.Blueprint:
+    """The layout for a robot. `around`: lowest and highest corner (3,) of what the eye shall see, in the world."""
+    contents = view_contents(joint_names, robot)
+    titles = list(contents)
+    scene = _scene(titles[0], contents[titles[0]], around)
+
+    def plot(title: str, *, legend: bool = True, low: float | None = None, high: float | None = None) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(
+            name=title,
+            origin="/",
+            contents=[f"/{path}" for path in contents[title]],
+            axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+            axis_y=rrb.ScalarAxis(range=(low, high)) if low is not None and high is not None else None,
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
+        )
+
+    def states(title: str) -> rrb.StateTimelineView:
+        return rrb.StateTimelineView(name=title, origin="/", contents=[f"/{path}" for path in contents[title]])
+
+    left = rrb.Vertical(
+        scene,
+        states("States"),
+        rrb.TextLogView(name="Events", origin="/events"),
+        row_shares=[6, 2, 1.6],
+    )
+    middle = rrb.Vertical(
+        plot("TCP error [mm]"),
+        plot("Joint positions [share of range, limits at ±1]", low=-1.1, high=1.1),
+        plot("Manipulability"),
+        row_shares=[1, 1.3, 1],
+    )
+    right = rrb.Vertical(
+        plot("Platform v [m/s]"),
+        plot("Platform ω [rad/s]"),
+        rrb.Horizontal(plot("Bus load [%]", legend=False, low=0.0, high=100.0), plot("Path scale", legend=False, low=0.0, high=1.05)),
+        row_shares=[1, 1, 0.9],
+    )
+    overview = rrb.Horizontal(left, middle, right, column_shares=[1.25, 1, 1], name="Overview")
+    joints = rrb.Vertical(
+        rrb.Grid(*(plot(name, legend=i == 0) for i, name in enumerate(joint_names)), grid_columns=4, name="Joints"),
+        rrb.Horizontal(plot("Joint velocities [share of limit]"), plot("Joint efforts [N·m, lift N]"), plot("Effort offsets sent [N·m, lift N]")),
+        row_shares=[2, 1],
+        name="Joints [rad, lift m]",
+    )
+    drives = rrb.Vertical(
+        states("Drives and nodes"), plot("Frames [1/s]", legend=False), row_shares=[4, 1], name="Drives and bus"
+    )
+    dexterity = rrb.Vertical(plot("Singular values, arm"), plot("Singular values, robot"), name="Singularities")
+    task = rrb.Grid(
+        plot("Rotation error [mrad]", legend=False),
+        plot("Tracker error [mm]", legend=False),
+        plot("Wheel slip [%]"),
+        plot("Force at the gripper [N]"),
+        plot("Torque at the gripper [N·m]"),
+        plot("Commanded twist, linear [m/s]"),
+        plot("Commanded twist, angular [rad/s]"),
+        grid_columns=3,
+        name="Task, forces, slip",
+    )
+    return rrb.Blueprint(
+        rrb.Tabs(overview, joints, drives, dexterity, task, active_tab=0),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        collapse_panels=False,
+    )
+
+
+def _scene(title: str, contents: Sequence[str], around: tuple[np.ndarray, np.ndarray] | None) -> rrb.Spatial3DView:
+    low, high = around if around is not None else (np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]))
+    target = 0.5 * (low + high)
+    distance = 1.15 * float(np.linalg.norm(high - low)) + 0.4
+    eye = target + distance * np.array([0.45, -0.75, 0.48])
+    so_far = rrb.VisibleTimeRange(
+        TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
+    )
+    return rrb.Spatial3DView(
+        name=title,
+        origin="/world",
+        contents=[f"/{path}" for path in contents],
+        background=rrb.Background(color=(24, 27, 33)),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=(110, 118, 130, 90)),
+        eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+        overrides={path: [rrb.VisibleTimeRanges(so_far)] for path in PATHS},
+    )
+
+

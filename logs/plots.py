@@ -1,0 +1,153 @@
+"""What is plotted: the entities of the recording that hold numbers, their series and colours, made from decoded signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from logs import palette
+from logs.dexterity import MANIPULABILITY
+from logs.palette import Color
+from logs.signals import Signal
+from stack.kinematics import ArmModel
+
+XYZ = ("x", "y", "z")
+PLATFORM_ROLES = (("commanded", palette.COMMANDED), ("encoder", palette.MEASURED), ("true", palette.TRUE))
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Names and colours of the columns of one entity; `width` in points."""
+
+    path: str
+    names: tuple[str, ...]
+    colors: tuple[Color, ...]
+    width: float = 1.5
+
+
+def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
+    """Every plotted entity of a recording."""
+    joints = tuple(joint_names)
+    colors = palette.JOINTS[: len(joints)]
+    per_joint = ("share", "velocity_share", "position/actual", "position/target", "effort/actual", "effort/offset")
+    limits = ("upper limit", "lower limit", "padding", "padding ")
+    limit_colors = (palette.LIMIT, palette.LIMIT, palette.PADDING, palette.PADDING)
+    detail = ("actual", "target", *limits)
+    dexterity = (palette.COMMANDED, palette.MEASURED, palette.JOINTS[7], palette.VIOLET)
+    return (
+        Series("tcp/error_mm", ("distance", "across the path"), (palette.LIMIT, palette.COMMANDED)),
+        Series("tcp/rotation_error_mrad", ("rotation",), (palette.VIOLET,)),
+        *(Series(f"joints/{name}", joints, colors) for name in per_joint),
+        Series("joints/limits", limits, limit_colors, 1.0),
+        *(
+            Series(f"joints/each/{joint}", detail, (palette.MEASURED, palette.COMMANDED, *limit_colors))
+            for joint in joints
+        ),
+        *(Series(f"platform/v/{role}", (role,), (color,)) for role, color in PLATFORM_ROLES),
+        *(Series(f"platform/omega/{role}", (role,), (color,)) for role, color in PLATFORM_ROLES),
+        Series("manipulability", MANIPULABILITY, dexterity),
+        Series("singular_values/arm", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
+        Series("singular_values/robot", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
+        Series("planner/path_scale", ("path scale",), (palette.TRUE,)),
+        Series("bus/load_percent", ("bus load",), (palette.MEASURED,)),
+        Series("bus/frames_per_s", ("frames",), (palette.NEUTRAL,)),
+        Series("wrench/force", XYZ, palette.AXES),
+        Series("wrench/torque", XYZ, palette.AXES),
+        Series("twist/linear", XYZ, palette.AXES),
+        Series("twist/angular", XYZ, palette.AXES),
+        Series("wheels/slip_percent", ("left", "right"), (palette.MEASURED, palette.COMMANDED)),
+        Series("tracker/position_error_mm", ("distance",), (palette.NEUTRAL,)),
+    )
+
+
+class Plots:
+    """Turns the signals of a block into the values of the plotted entities. `arm` gives limits; it is only read."""
+
+    def __init__(self, arm: ArmModel) -> None:
+        self._names = arm.joint_names
+        self._lower, self._upper, self._padding = arm.q_min, arm.q_max, arm.padding
+        self._max_velocity = arm.dq_max
+        self._padding_share = 1.0 - 2.0 * float(np.mean(self._padding / (self._upper - self._lower)))
+
+    def values(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+        """Entity path and values, for every plotted entity that this block has something for."""
+        for path, name, scale in _DIRECT:
+            if name in signals:
+                yield path, _scaled(signals[name], scale)
+        yield from self._error(signals)
+        yield from self._joints(signals)
+        yield from _platform(signals)
+        if "planner/state" in signals:
+            state = signals["planner/state"]
+            yield "planner/path_scale", Signal(state.t_ns, state.values[:, 3:4])
+
+    def _error(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+        error = signals.get("tcp/error")
+        if error is not None:
+            yield "tcp/error_mm", Signal(error.t_ns, 1e3 * error.values[:, :2])
+            yield "tcp/rotation_error_mrad", Signal(error.t_ns, 1e3 * error.values[:, 2:3])
+        tracker, pose = signals.get("tracker/position"), signals.get("truth/pose_WE")
+        if tracker is not None and pose is not None:
+            seen_ns = tracker.t_ns - (signals["tracker/age"].values[:, 0] * 1e9).astype(np.int64)
+            true = np.column_stack([np.interp(seen_ns, pose.t_ns, pose.values[:, i, 3]) for i in range(3)])
+            off = np.linalg.norm(tracker.values - true, axis=1, keepdims=True)
+            inside = (seen_ns >= pose.t_ns[0]) & (seen_ns <= pose.t_ns[-1])
+            yield "tracker/position_error_mm", Signal(tracker.t_ns, 1e3 * off).at(inside)
+
+    def _joints(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+        actual, velocity = signals.get("joints/position/actual"), signals.get("truth/dq")
+        if velocity is not None:
+            yield "joints/velocity_share", Signal(velocity.t_ns, velocity.values / self._max_velocity)
+        if actual is None:
+            return
+        middle, half = 0.5 * (self._upper + self._lower), 0.5 * (self._upper - self._lower)
+        yield "joints/share", Signal(actual.t_ns, (actual.values - middle) / half)
+        ends = np.array([actual.t_ns[0], actual.t_ns[-1]])[: len(actual)]
+        pad = self._padding_share
+        yield "joints/limits", Signal(ends, np.tile([1.0, -1.0, pad, -pad], (len(ends), 1)))
+        yield from self._each_joint(actual, signals.get("joints/position/target"))
+
+    def _each_joint(self, actual: Signal, target: Signal | None) -> Iterable[tuple[str, Signal]]:
+        """Twenty rows a second of every joint with its target and limits."""
+        step = max(1, round(0.05e9 / max(1, np.median(np.diff(actual.t_ns))))) if len(actual) > 1 else 1
+        thin = actual.at(slice(None, None, step))
+        for i, name in enumerate(self._names):
+            lower, upper, pad = self._lower[i], self._upper[i], self._padding[i]
+            wanted = np.full(len(thin), np.nan)
+            if target is not None:
+                wanted = np.interp(thin.t_ns, target.t_ns, target.values[:, i], left=np.nan, right=np.nan)
+            limits = np.tile([upper, lower, upper - pad, lower + pad], (len(thin), 1))
+            yield f"joints/each/{name}", Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits]))
+
+
+_DIRECT = (
+    ("joints/position/actual", "joints/position/actual", 1.0),
+    ("joints/position/target", "joints/position/target", 1.0),
+    ("joints/effort/actual", "joints/effort", 1.0),
+    ("joints/effort/offset", "joints/effort/offset", 1.0),
+    ("manipulability", "manipulability", 1.0),
+    ("singular_values/arm", "singular_values/arm", 1.0),
+    ("singular_values/robot", "singular_values/robot", 1.0),
+    ("bus/load_percent", "bus/load", 100.0),
+    ("bus/frames_per_s", "bus/frames", 10.0),
+    ("wrench/force", "wrench/force", 1.0),
+    ("wrench/torque", "wrench/torque", 1.0),
+    ("twist/linear", "twist/linear", 1.0),
+    ("twist/angular", "twist/angular", 1.0),
+    ("wheels/slip_percent", "truth/wheel_slip", 100.0),
+)
+
+
+def _platform(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+    sources = {"commanded": "platform/velocity/commanded", "encoder": "platform/velocity/encoder", "true": "truth/base_twist"}
+    for role, name in sources.items():
+        if name in signals:
+            signal = signals[name]
+            yield f"platform/v/{role}", Signal(signal.t_ns, signal.values[:, :1])
+            yield f"platform/omega/{role}", Signal(signal.t_ns, signal.values[:, 1:2])
+
+
+def _scaled(signal: Signal, scale: float) -> Signal:
+    return signal if scale == 1.0 else Signal(signal.t_ns, signal.values * scale)

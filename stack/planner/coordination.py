@@ -1,0 +1,230 @@
+"""Arm and base: the platform cycle resolves the whole robot, the arm cycle the arm alone against what the platform really does.
+
+Thesis chapter 4. Everything here is expressed in the end-point frame of the arm model at SYNC k + 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack.kinematics.arm import ArmModel, ArmState
+from stack.kinematics.platform import platform_columns, turned_rows
+from stack.messages import Restriction, Vector
+from stack.planner.limits import velocity_bounds
+from stack.planner.odometry import PlatformPose, PlatformRate
+from stack.planner.parameters import Limits, Method, PlannerParameters
+from stack.planner.preferences import preferred_velocity
+from stack.planner.problem import Matrix, Problem, Status
+from stack.planner.resolvers import RESOLVERS
+from stack.planner.resolvers.extended import extended_step
+from stack.planner.resolvers.step import arm_step, limit_table
+
+RECOVERY_RATE = 2.0
+_NO_ROWS_8, _NO_ROWS_10, _NO_VALUES = np.zeros((0, 8)), np.zeros((0, 10)), np.zeros(0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmCommand:
+    """Joint velocities (n,) of one arm cycle, the share of the path that they follow, and what shaped them."""
+
+    dq: Vector
+    scale: float
+    status: Status
+    restrictions: Restriction
+    sigma: Vector
+
+    @classmethod
+    def holding(cls, n: int) -> ArmCommand:
+        """The arm keeps still."""
+        return cls(np.zeros(n), 1.0, Status.OK, Restriction.NONE, np.zeros(6))
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformCommand:
+    """Platform rate of one platform cycle and whether a limit of the platform shaped it."""
+
+    rate: PlatformRate
+    restrictions: Restriction = Restriction.NONE
+
+
+class Coordinator:
+    """The two cycles for one robot. Holds tables that follow from the parameters, nothing that changes with time."""
+
+    def __init__(self, arm: ArmModel, limits: Limits, base: Vector) -> None:
+        self.n = arm.n
+        self.base = base
+        self.limits = limits
+        self.arm_table = limit_table(limits.q_min, limits.q_max, limits.padding, limits.dq_max)
+        free = np.array([np.inf, np.inf])
+        self.robot_table = limit_table(
+            np.append(limits.q_min, -free),
+            np.append(limits.q_max, free),
+            np.append(limits.padding, (1.0, 1.0)),
+            np.append(limits.dq_max, (limits.v_max, limits.omega_max)),
+        )
+        # A joint without zones: the rule base off, position, velocity and acceleration bounds kept.
+        self.arm_table_free, self.robot_table_free = self.arm_table.copy(), self.robot_table.copy()
+        for table in (self.arm_table_free, self.robot_table_free):
+            table[0:2], table[2:4] = -np.inf, np.inf
+
+    def arm_cycle(
+        self, model: ArmState, twist: Vector, dq: Vector, window: float, parameters: PlannerParameters
+    ) -> ArmCommand:
+        """Joint velocities that give the TCP `twist` (6,) relative to the platform, whose own motion was taken out of it."""
+        preferences, limits = parameters.preferences, self.limits
+        lower, upper = velocity_bounds(
+            model.q,
+            dq,
+            limits.q_min,
+            limits.q_max,
+            limits.dq_max,
+            limits.ddq_max,
+            RECOVERY_RATE,
+            parameters.arm_period_s,
+        )
+        jacobian = model.end_point_jacobian
+        if parameters.method is not Method.PNS:
+            z = self._wishes(model.q, window, parameters)
+            weights = preferences.weights[: self.n]
+            return self._by_name(parameters, jacobian, twist, weights, z, lower, upper)
+        table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
+        table[5], table[6] = lower, upper
+        wishes = np.array([preferences.preferred, preferences.heights, preferences.widths])
+        step = arm_step(
+            jacobian, twist, model.q, wishes, window if parameters.null_space_motion else 0.0,
+            np.diag(preferences.weights[: self.n]), table, _NO_ROWS_8[:, : self.n], _NO_VALUES, parameters.epsilon,
+        )  # fmt: skip
+        restrictions = _of_joints(step.limited) | _of_scale(step.scale, step.bound, dq, step.dq, limits)
+        return ArmCommand(step.dq, step.scale, Status(step.status), restrictions | _of_status(step.status), step.sigma)
+
+    def robot_cycle(
+        self,
+        model: ArmState,
+        twist: Vector,
+        slow_twist: Vector,
+        rate: PlatformRate,
+        window: float,
+        parameters: PlannerParameters,
+    ) -> tuple[ArmCommand, PlatformCommand]:
+        """The whole robot for the TCP `twist` (6,): the platform's share is its next command, the arm's is what `unified` sends."""
+        n, limits = self.n, self.limits
+        columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
+        z = np.append(self._wishes(model.q, window, parameters), self._platform_wish(model, slow_twist, parameters))
+        q = np.append(model.q, (0.0, 0.0))
+        if parameters.method is Method.PNS:
+            table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
+            step = extended_step(
+                model.end_point_jacobian, columns, twist, q, z, np.diag(parameters.preferences.weights), table,
+                _NO_ROWS_10[:, : n + 2], _NO_VALUES, parameters.epsilon,
+            )  # fmt: skip
+            restrictions = _of_joints(step.limited[:n]) | _of_status(step.status)
+            whole = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
+        else:
+            extended = np.hstack((model.end_point_jacobian, columns))
+            bounds = self.robot_table[6]
+            whole = self._by_name(parameters, extended, twist, parameters.preferences.weights, z, -bounds, bounds)
+        period = parameters.arm_period_s * parameters.arm_cycles_per_platform_cycle
+        command = accelerated(PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1])), rate, limits, period)
+        arm = ArmCommand(whole.dq[:n].copy(), whole.scale, whole.status, whole.restrictions, whole.sigma)
+        return arm, command
+
+    def _wishes(self, q: Vector, window: float, parameters: PlannerParameters) -> Vector:
+        if not parameters.null_space_motion:
+            return np.zeros(self.n)
+        wish = parameters.preferences
+        z: Vector = window * preferred_velocity(q, wish.preferred, wish.heights, wish.widths)
+        return z
+
+    def _platform_wish(self, model: ArmState, slow_twist: Vector, parameters: PlannerParameters) -> tuple[float, float]:
+        """Preferred v and ω (4.1.3): feed-forward of the slow TCP command, and the P-controller of the heading (Fig. 4.7)."""
+        wish = parameters.preferences
+        velocity = model.rotation @ slow_twist[:3]
+        speed = math.hypot(velocity[0], velocity[1])
+        v = wish.platform_feed_forward * float(velocity[0])
+        if speed < _STANDSTILL:
+            return v, 0.0
+        error = _wrapped(math.atan2(velocity[1], velocity[0]) - wish.platform_angle)
+        # The direction of a vanishing velocity means nothing: fade the controller in with the speed.
+        fade = min(1.0, speed / _FULL_SPEED)
+        omega = min(max(wish.platform_gain * error, -wish.platform_max_rate), wish.platform_max_rate)
+        return v, fade * omega
+
+    def _by_name(
+        self,
+        parameters: PlannerParameters,
+        jacobian: Matrix,
+        twist: Vector,
+        weights: Vector,
+        z: Vector,
+        lower: Vector,
+        upper: Vector,
+    ) -> ArmCommand:
+        """Any other method: limits enter as velocity bounds."""
+        name = parameters.method.name.lower()
+        solution = RESOLVERS[name](
+            Problem(jacobian, twist, B=weights, z=z, lower=lower, upper=upper, epsilon=parameters.epsilon)
+        )
+        restrictions = _of_status(solution.status)
+        if solution.scale < 1.0:
+            restrictions |= Restriction.VELOCITY
+        return ArmCommand(solution.dq, solution.scale, solution.status, restrictions, solution.sigma)
+
+
+def accelerated(wanted: PlatformRate, current: PlatformRate, limits: Limits, period_s: float) -> PlatformCommand:
+    """`wanted` within the platform's speed limits, v and ω scaled together so that the curvature stays, and its accelerations."""
+    share = min(1.0, limits.v_max / max(abs(wanted.v), 1e-12), limits.omega_max / max(abs(wanted.omega), 1e-12))
+    v = _towards(share * wanted.v, current.v, limits.dv_max * period_s)
+    omega = _towards(share * wanted.omega, current.omega, limits.domega_max * period_s)
+    limited = abs(v - wanted.v) + abs(omega - wanted.omega) > 1e-9
+    return PlatformCommand(PlatformRate(v, omega), Restriction.PLATFORM if limited else Restriction.NONE)
+
+
+def following(wanted: PlatformRate, target: PlatformPose, pose: PlatformPose) -> PlatformRate:
+    """`wanted` plus what takes the platform from `pose` back to `target` on its way (Kanayama et al. 1990)."""
+    dx, dy = target.x - pose.x, target.y - pose.y
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    ahead, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
+    turn = _wrapped(target.heading - pose.heading)
+    v = wanted.v * math.cos(turn) + _ALONG * ahead
+    return PlatformRate(v, wanted.omega + _TURN * turn + _ACROSS * wanted.v * aside)
+
+
+def _towards(wanted: float, current: float, step: float) -> float:
+    return min(max(wanted, current - step), current + step)
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, 2.0 * math.pi)
+
+
+def _of_joints(limited: Vector) -> Restriction:
+    bits = 0
+    for i in np.flatnonzero(limited):
+        bits |= 1 << int(i)
+    return Restriction(bits)
+
+
+def _of_status(status: int) -> Restriction:
+    return _RESTRICTION_OF.get(status, Restriction.NONE)
+
+
+def _of_scale(scale: float, bound: int, dq_before: Vector, dq: Vector, limits: Limits) -> Restriction:
+    """Which limit slowed the path: a joint at its speed limit, else its acceleration."""
+    if scale >= 1.0 or bound < 0:
+        return Restriction.NONE
+    joint = bound // 2
+    fast = abs(dq[joint]) >= 0.999 * limits.dq_max[joint]
+    return Restriction.VELOCITY if fast else Restriction.ACCELERATION
+
+
+_RESTRICTION_OF = {
+    int(Status.SINGULAR): Restriction.SINGULARITY,
+    int(Status.DEGRADED): Restriction.DEGRADED,
+    int(Status.INFEASIBLE): Restriction.INFEASIBLE,
+}
+_STANDSTILL = 1e-3
+_FULL_SPEED = 0.05
+_ALONG, _ACROSS, _TURN = 1.0, 3.0, 1.5

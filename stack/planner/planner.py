@@ -1,0 +1,262 @@
+"""The local planner: one pure step per arm cycle, the platform cycle inside it where it is due (Fig. 4.3, 4.6, 4.8).
+
+Time of a cycle that begins with SYNC k: feedback was sampled at SYNC k, the set points sent now start at SYNC k + 1 and are reached at
+SYNC k + 2. So the arm that is moved "now" is the one of SYNC k + 1 (`q_next`), and everything commanded is meant for k + 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stack.kinematics.arm import ArmModel, ArmState
+from stack.kinematics.platform import platform_of, wheel_speeds
+from stack.messages import Matrix, Mode, Restriction, TrackedPose, Vector
+from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated, following
+from stack.planner.drift import DriftEstimate
+from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, advance
+from stack.planner.parameters import Coordination, Limits, PlannerParameters
+from stack.planner.preferences import window
+from stack.planner.problem import Status
+from stack.planner.reference import CommandFilter
+from stack.planner.tracking import arm_in_odometry, body_twist, desired_in_arm, moved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerInputs:
+    """What this cycle has heard. `q` (n,) and `wheels` (left, right; rad) were sampled at `t_ns`; None: missing or stale.
+
+    `twist` (6,) is None when it is stale or was never received; `tracked` is None unless it is new in this cycle.
+    """
+
+    t_ns: int
+    mode: Mode
+    q: Vector | None
+    wheels: tuple[float, float] | None
+    twist: Vector | None
+    tracked: TrackedPose | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerState:
+    """Everything that the planner carries from cycle to cycle.
+
+    `q_next` (n,): the set point of the last cycle, where the arm is at SYNC k + 1, None at rest; `dq` (n,) the velocity that leads there.
+    `X_RE` (4, 4): commanded TCP pose for SYNC k + 1 in the reference frame, None while nothing is commanded.
+    `rate`: platform rate last commanded; `commanded`: the platform's pose at SYNC k + 1 had it always obeyed.
+    """
+
+    drift: DriftEstimate
+    cycle: int = 0
+    mode: Mode = Mode.OFF
+    began_ns: int = 0
+    q_next: Vector | None = None
+    dq: Vector | None = None
+    X_RE: Matrix | None = None
+    command: CommandFilter = CommandFilter()
+    odometry: Odometry = Odometry()
+    commanded: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
+    rate: PlatformRate = PlatformRate(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerOutputs:
+    """What to send: joint set points for SYNC k + 2 with velocity and torque offset (n,), wheel rates (rad/s), and what is reported.
+
+    `X_RE` (4, 4): commanded TCP pose for SYNC k + 2, None while nothing is commanded; `T_RE` the believed one at SYNC k.
+    """
+
+    q: Vector
+    dq: Vector
+    effort: Vector
+    wheels: tuple[float, float]
+    X_RE: Matrix | None
+    T_RE: Matrix
+    arm: ArmCommand
+    platform: PlatformCommand
+    restrictions: Restriction
+    platform_cycle: bool
+
+
+class Planner:
+    """The planner of one robot: holds its model and tables, nothing that changes with time."""
+
+    def __init__(self, arm: ArmModel, limits: Limits) -> None:
+        self.arm = arm
+        self.platform = platform_of(arm)
+        self.base = np.array(self.platform.arm_base)
+        self.coordinator = Coordinator(arm, limits, self.base)
+
+    def step(
+        self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """One arm cycle. The same arguments give the same result, bit for bit."""
+        heard, measured = self._listen(state, inputs, parameters)
+        if inputs.mode is Mode.OFF or inputs.q is None or inputs.wheels is None:
+            return self._rest(heard, inputs, measured)
+        if heard.mode is not inputs.mode or heard.q_next is None:
+            heard = _begin(heard, inputs, inputs.q)
+        if inputs.mode is Mode.PLATFORM_ONLY:
+            return self._drive(heard, inputs, parameters, measured)
+        return self._reach(heard, inputs, parameters, measured)
+
+    def _listen(
+        self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters
+    ) -> tuple[PlannerState, Matrix]:
+        """Odometry, belief and drift from what was measured at SYNC k; the believed TCP pose T_RE."""
+        odometry, drift = state.odometry, state.drift
+        if inputs.wheels is not None:
+            odometry = odometry.update(self.platform, *inputs.wheels, parameters.arm_period_s)
+        q = inputs.q if inputs.q is not None else self.arm.home
+        obeys = parameters.coordination is Coordination.UNIFIED and state.q_next is not None
+        T_OE = arm_in_odometry(*(state.commanded if obeys else odometry.pose), self.base, self.arm.pose(q))
+        if inputs.q is not None:
+            drift = drift.believing(inputs.t_ns, T_OE)
+            if inputs.tracked is not None:
+                drift = drift.measured_by(inputs.tracked, inputs.t_ns, parameters.tracker_gain)
+        return replace(state, cycle=state.cycle + 1, odometry=odometry, drift=drift), drift.T_RO @ T_OE
+
+    def _rest(
+        self, state: PlannerState, inputs: PlannerInputs, measured: Matrix
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """Nothing to command: set points follow the arm, so that enabling later starts where it is."""
+        q = inputs.q if inputs.q is not None else self.arm.home
+        missing = inputs.q is None or inputs.wheels is None
+        outputs = PlannerOutputs(
+            q=q,
+            dq=np.zeros(self.arm.n),
+            effort=self.arm.gravity(q),
+            wheels=(0.0, 0.0),
+            X_RE=None,
+            T_RE=measured,
+            arm=ArmCommand.holding(self.arm.n),
+            platform=PlatformCommand(PlatformRate(0.0, 0.0)),
+            restrictions=Restriction.STALE_DRIVE if missing else Restriction.NONE,
+            platform_cycle=False,
+        )
+        rested = PlannerState(state.drift, state.cycle, odometry=state.odometry, commanded=state.odometry.pose)
+        return rested, outputs
+
+    def _reach(
+        self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters, measured: Matrix
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """The TCP follows its reference: hold, arm only, coordinated."""
+        assert state.q_next is not None and state.dq is not None  # `step` has begun
+        period = parameters.arm_period_s
+        model = self.arm.state(state.q_next)
+        command = state.command.update(inputs.twist, parameters)
+        unified = parameters.coordination is Coordination.UNIFIED and inputs.mode is Mode.COORDINATED
+        pose_1, pose_2 = _poses_ahead(state, period, obeys=unified)
+        T_RO = state.drift.T_RO
+        X_1 = state.X_RE if state.X_RE is not None else T_RO @ arm_in_odometry(*pose_1, self.base, model.pose)
+        desired_1 = desired_in_arm(T_RO, *pose_1, self.base, X_1)
+        deviation = parameters.correction_gain * body_twist(model.pose, desired_1)
+        fade = window((inputs.t_ns - state.began_ns) * 1e-9, parameters.window_s)
+        platform, due, arm = PlatformCommand(PlatformRate(0.0, 0.0)), False, None
+        if inputs.mode is Mode.COORDINATED and parameters.coordination is not Coordination.ARM_ONLY:
+            due = unified or _platform_cycle_due(state.cycle, parameters)
+            platform = PlatformCommand(state.rate)
+            if due:
+                wanted = command.twist + deviation if unified else command.twist
+                arm, platform = self.coordinator.robot_cycle(model, wanted, command.slow, state.rate, fade, parameters)
+        if arm is None or not unified:
+            X_2 = moved(X_1, command.twist, period)
+            relative = body_twist(desired_1, desired_in_arm(T_RO, *pose_2, self.base, X_2)) / period
+            arm = self.coordinator.arm_cycle(model, relative + deviation, state.dq, fade, parameters)
+        X_2 = moved(X_1, command.twist * arm.scale, period)
+        return self._send(
+            replace(state, command=command), inputs, parameters, measured, arm, platform, X_2, due,
+            advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
+        )  # fmt: skip
+
+    def _drive(
+        self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters, measured: Matrix
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """The twist is the platform's, the arm rests on it. The commanded TCP path is that of an arm carried by a platform that obeys."""
+        assert state.q_next is not None
+        period = parameters.arm_period_s
+        command = state.command.update(inputs.twist, parameters)
+        wanted = PlatformRate(float(command.twist[0]), float(command.twist[5]))
+        commanded = advance(state.commanded, wanted.v * period, wanted.omega * period)
+        due = _platform_cycle_due(state.cycle, parameters)
+        platform = PlatformCommand(state.rate)
+        if due:
+            pose_1, _ = state.odometry.ahead(1, period)
+            cycle = period * parameters.arm_cycles_per_platform_cycle
+            rate = following(wanted, state.commanded, pose_1)
+            platform = accelerated(rate, state.rate, parameters.limits, cycle)
+        carried = arm_in_odometry(*commanded, self.base, self.arm.pose(state.q_next))
+        return self._send(
+            replace(state, command=command), inputs, parameters, measured, ArmCommand.holding(self.arm.n), platform,
+            state.drift.T_RO @ carried, due, commanded,
+        )  # fmt: skip
+
+    def _send(
+        self,
+        state: PlannerState,
+        inputs: PlannerInputs,
+        parameters: PlannerParameters,
+        measured: Matrix,
+        arm: ArmCommand,
+        platform: PlatformCommand,
+        X_2: Matrix,
+        due: bool,
+        commanded: PlatformPose,
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """Set points, torque offsets and the state that goes with them."""
+        assert state.q_next is not None and state.dq is not None
+        period = parameters.arm_period_s
+        q = state.q_next + arm.dq * period
+        outputs = PlannerOutputs(
+            q=q,
+            dq=arm.dq,
+            effort=self._effort(q, arm.dq, (arm.dq - state.dq) / period, state.odometry),
+            wheels=wheel_speeds(self.platform, *platform.rate),
+            X_RE=X_2,
+            T_RE=measured,
+            arm=arm,
+            platform=platform,
+            restrictions=arm.restrictions | platform.restrictions | _staleness(inputs),
+            platform_cycle=due,
+        )
+        return replace(state, q_next=q, dq=arm.dq, X_RE=X_2, rate=platform.rate, commanded=commanded), outputs
+
+    def _effort(self, q: Vector, dq: Vector, ddq: Vector, odometry: Odometry) -> Vector:
+        """Inverse dynamics on a platform that moves: its yaw is that of a faster first joint, its acceleration tilts gravity."""
+        v, omega = odometry.rate
+        yawing, yawing_rate = dq.copy(), ddq.copy()
+        yawing[0] += omega
+        yawing_rate[0] += odometry.trend.omega
+        x = self.base[0]
+        acceleration = np.array([odometry.trend.v - omega * omega * x, v * omega + odometry.trend.omega * x, 0.0])
+        return self.arm.inverse_dynamics(q, yawing, yawing_rate, acceleration)
+
+
+def _begin(state: PlannerState, inputs: PlannerInputs, q: Vector) -> PlannerState:
+    """Take over from rest, or change the mode: set points go on from where they are, the command starts from zero."""
+    if state.q_next is None:
+        state = replace(state, q_next=q, dq=np.zeros(q.size), commanded=state.odometry.pose)
+    if Mode.PLATFORM_ONLY in (state.mode, inputs.mode):
+        state = replace(state, commanded=state.odometry.pose, X_RE=None)
+    return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter())
+
+
+def _poses_ahead(state: PlannerState, period: float, *, obeys: bool) -> tuple[PlatformPose, PlatformPose]:
+    """Platform poses at SYNC k + 1 and k + 2: measured and extrapolated, or as commanded to a platform that is taken to obey."""
+    if obeys:
+        return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
+    pose_1, _ = state.odometry.ahead(1, period)
+    pose_2, _ = state.odometry.ahead(2, period)
+    return pose_1, pose_2
+
+
+def _platform_cycle_due(cycle: int, parameters: PlannerParameters) -> bool:
+    return cycle % parameters.arm_cycles_per_platform_cycle == 0
+
+
+def _staleness(inputs: PlannerInputs) -> Restriction:
+    return Restriction.STALE_TWIST if inputs.twist is None and inputs.mode is not Mode.HOLD else Restriction.NONE
+
+
+__all__ = ["Planner", "PlannerInputs", "PlannerOutputs", "PlannerState", "Status"]
