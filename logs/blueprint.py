@@ -10,17 +10,18 @@ import rerun.blueprint as rrb
 from logs.scene import ELLIPSOID_SCALE, PATHS
 
 TIMELINE = "sim_time"
-_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/wheels", "drives/joints")
+_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/all")
 
 
 def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str, ...]]:
     """Entity paths of every view, by the view's title; a path that ends in `/**` stands for all below it."""
     each = {f"{name}": (f"joints/each/{name}",) for name in joint_names}
     return {
-        f"{robot} — ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
+        f"{robot}, ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
         "TCP error [mm]": ("tcp/error_mm",),
         "Joint positions [share of range, limits at ±1]": ("joints/share", "joints/limits"),
-        "Manipulability": ("manipulability",),
+        "Manipulability, arm": ("manipulability/arm",),
+        "Manipulability, robot": ("manipulability/robot",),
         "Platform v [m/s]": ("platform/v/commanded", "platform/v/encoder", "platform/v/true"),
         "Platform ω [rad/s]": ("platform/omega/commanded", "platform/omega/encoder", "platform/omega/true"),
         "Bus load [%]": ("bus/load_percent",),
@@ -31,7 +32,8 @@ def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str
         "Joint velocities [share of limit]": ("joints/velocity_share",),
         "Joint efforts [N·m, lift N]": ("joints/effort/actual",),
         "Effort offsets sent [N·m, lift N]": ("joints/effort/offset",),
-        "Drives and nodes": ("states/drives/**", "states/nodes/**"),
+        "Drives [CiA 402 state]": ("states/drives/**",),
+        "Nodes [NMT state]": ("states/nodes/**",),
         "Frames [1/s]": ("bus/frames_per_s",),
         "Singular values, arm": ("singular_values/arm",),
         "Singular values, robot": ("singular_values/robot",),
@@ -45,13 +47,17 @@ def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str
     }
 
 
-def blueprint(joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None = None) -> rrb.Blueprint:
+def blueprint(
+    joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None = None
+) -> rrb.Blueprint:
     """The layout for a robot. `around`: lowest and highest corner (3,) of what the eye shall see, in the world."""
     contents = view_contents(joint_names, robot)
     titles = list(contents)
-    scene = _scene(titles[0], contents[titles[0]], around)
+    scene = _scene(titles[0], contents[titles[0]], robot, around)
 
-    def plot(title: str, *, legend: bool = True, low: float | None = None, high: float | None = None) -> rrb.TimeSeriesView:
+    def plot(
+        title: str, *, legend: bool = True, low: float | None = None, high: float | None = None
+    ) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(
             name=title,
             origin="/",
@@ -67,30 +73,42 @@ def blueprint(joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, 
     left = rrb.Vertical(
         scene,
         states("States"),
-        rrb.TextLogView(name="Events", origin="/events"),
-        row_shares=[6, 2, 1.6],
+        rrb.TextLogView(
+            name="Events",
+            origin="/events",
+            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]),
+            rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
+        ),
+        row_shares=[5, 2.15, 1.7],
     )
     middle = rrb.Vertical(
         plot("TCP error [mm]"),
         plot("Joint positions [share of range, limits at ±1]", low=-1.1, high=1.1),
-        plot("Manipulability"),
-        row_shares=[1, 1.3, 1],
+        rrb.Horizontal(plot("Manipulability, arm"), plot("Manipulability, robot")),
+        row_shares=[1, 1.5, 0.9],
     )
     right = rrb.Vertical(
         plot("Platform v [m/s]"),
         plot("Platform ω [rad/s]"),
-        rrb.Horizontal(plot("Bus load [%]", legend=False, low=0.0, high=100.0), plot("Path scale", legend=False, low=0.0, high=1.05)),
+        rrb.Horizontal(
+            plot("Bus load [%]", legend=False, low=0.0, high=100.0),
+            plot("Path scale", legend=False, low=0.0, high=1.05),
+        ),
         row_shares=[1, 1, 0.9],
     )
     overview = rrb.Horizontal(left, middle, right, column_shares=[1.25, 1, 1], name="Overview")
     joints = rrb.Vertical(
         rrb.Grid(*(plot(name, legend=i == 0) for i, name in enumerate(joint_names)), grid_columns=4, name="Joints"),
-        rrb.Horizontal(plot("Joint velocities [share of limit]"), plot("Joint efforts [N·m, lift N]"), plot("Effort offsets sent [N·m, lift N]")),
+        rrb.Horizontal(
+            plot("Joint velocities [share of limit]"),
+            plot("Joint efforts [N·m, lift N]"),
+            plot("Effort offsets sent [N·m, lift N]"),
+        ),
         row_shares=[2, 1],
         name="Joints [rad, lift m]",
     )
     drives = rrb.Vertical(
-        states("Drives and nodes"), plot("Frames [1/s]", legend=False), row_shares=[4, 1], name="Drives and bus"
+        rrb.Horizontal(states("Drives [CiA 402 state]"), states("Nodes [NMT state]")), plot("Frames [1/s]", legend=False), row_shares=[4, 1], name="Drives and bus"
     )
     dexterity = rrb.Vertical(plot("Singular values, arm"), plot("Singular values, robot"), name="Singularities")
     task = rrb.Grid(
@@ -101,7 +119,7 @@ def blueprint(joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, 
         plot("Torque at the gripper [N·m]"),
         plot("Commanded twist, linear [m/s]"),
         plot("Commanded twist, angular [rad/s]"),
-        grid_columns=3,
+        grid_columns=4,
         name="Task, forces, slip",
     )
     return rrb.Blueprint(
@@ -113,10 +131,12 @@ def blueprint(joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, 
     )
 
 
-def _scene(title: str, contents: Sequence[str], around: tuple[np.ndarray, np.ndarray] | None) -> rrb.Spatial3DView:
+def _scene(
+    title: str, contents: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None
+) -> rrb.Spatial3DView:
     low, high = around if around is not None else (np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]))
     target = 0.5 * (low + high)
-    distance = 1.15 * float(np.linalg.norm(high - low)) + 0.4
+    distance = 0.8 * float(np.linalg.norm(high - low)) + 0.3
     eye = target + distance * np.array([0.45, -0.75, 0.48])
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
@@ -124,11 +144,11 @@ def _scene(title: str, contents: Sequence[str], around: tuple[np.ndarray, np.nda
     return rrb.Spatial3DView(
         name=title,
         origin="/world",
-        contents=[f"/{path}" for path in contents],
+        contents=[*(f"+ /{path}" for path in contents), f"- /world/{robot}/collision_geometries/**"],
         background=rrb.Background(color=(24, 27, 33)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=(110, 118, 130, 90)),
-        eye_controls=rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)
+        ),
         overrides={path: [rrb.VisibleTimeRanges(so_far)] for path in PATHS},
     )
-
-

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
 from drivers.frame import Frame, bit_length
 from drivers.objects import DeviceDef, PdoKind
 from logs.events import Event
@@ -16,13 +17,20 @@ from logs.states import StateDecoder
 from logs.tape import SYNC_ID, Block
 from stack.messages import Matrix, Truth
 
-STRATEGIC, PLANNER, SENSOR, TRACKER = 1, 2, 31, 32
-WHEELS = (11, 12)
-FIRST_JOINT, LAST_JOINT = 21, 28
 LOAD_WINDOW_NS = 100_000_000
 _RESTART = 10  # references whose cycle count is further off than this come from a planner that counts anew
 
-_TRUTH_FIELDS = ("pose_WB", "pose_WE", "q", "dq", "effort", "wheel_velocity", "wheel_slip", "base_twist", "contact_wrench")
+_TRUTH_FIELDS = (
+    "pose_WB",
+    "pose_WE",
+    "q",
+    "dq",
+    "effort",
+    "wheel_velocity",
+    "wheel_slip",
+    "base_twist",
+    "contact_wrench",
+)
 
 
 class SignalDecoder:
@@ -34,16 +42,15 @@ class SignalDecoder:
 
     def __init__(
         self,
-        devices: Sequence[DeviceDef],
+        devices: Iterable[DeviceDef],
         *,
         sync_period_ns: int,
         bitrate: int = 1_000_000,
         wheel_radius: float,
         track: float,
-        joint_names: Sequence[str] = (),
     ) -> None:
+        devices = tuple(devices)
         self._layouts = pdo_layouts(devices)
-        self._joints = tuple(sorted(d.node_id for d in devices if FIRST_JOINT <= d.node_id <= LAST_JOINT))
         self._period_ns = sync_period_ns
         self._bits_per_window = bitrate * LOAD_WINDOW_NS / 1e9
         self._to_platform = np.array([[0.5, -1.0 / track], [0.5, 1.0 / track]]) * wheel_radius
@@ -55,8 +62,7 @@ class SignalDecoder:
         self._window: int | None = None
         self._window_bits = self._window_frames = 0.0
         self._last_wheels: tuple[int, Matrix] | None = None
-        names = {device.node_id: device.name for device in devices}
-        self._states = StateDecoder(names, dict(zip(self._joints, joint_names, strict=False)), WHEELS, self._joints)
+        self._states = StateDecoder({device.node_id: device.name for device in devices})
 
     def decode(self, block: Block, *, last: bool = False) -> DecodedBlock:
         """Signals, state changes and events of `block`; with `last` also those of the cycle that is still open."""
@@ -83,7 +89,14 @@ class SignalDecoder:
         return DecodedBlock(signals, states, tuple(ordered), counts)
 
     def _per_cycle(
-        self, batch: FrameBatch, rows: Ints, cycles: int, nodes: Sequence[int], kind: PdoKind, number: int, positions: Sequence[int]
+        self,
+        batch: FrameBatch,
+        rows: Ints,
+        cycles: int,
+        nodes: Sequence[int],
+        kind: PdoKind,
+        number: int,
+        positions: Sequence[int],
     ) -> Matrix:
         """(cycles, nodes, positions) values of a PDO that every node sends once per cycle; NaN where none came."""
         out = np.full((cycles, len(nodes), len(positions)), np.nan)
@@ -99,9 +112,9 @@ class SignalDecoder:
     def _drives(self, batch: FrameBatch, rows: Ints, sync_ns: Ints, signals: dict[str, Signal]) -> None:
         due_ns = sync_ns + 2 * self._period_ns
         n = len(sync_ns)
-        tpdo = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.TPDO, 1, (0, 1, 2))
-        rpdo = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.RPDO, 1, (1, 2))
-        speed = self._per_cycle(batch, rows, n, WHEELS + self._joints, PdoKind.TPDO, 2, (0,))[..., 0]
+        tpdo = self._per_cycle(batch, rows, n, DRIVE_IDS, PdoKind.TPDO, 1, (0, 1, 2))
+        rpdo = self._per_cycle(batch, rows, n, DRIVE_IDS, PdoKind.RPDO, 1, (1, 2))
+        speed = self._per_cycle(batch, rows, n, DRIVE_IDS, PdoKind.TPDO, 2, (0,))[..., 0]
         _keep(signals, "drives/statusword", sync_ns, tpdo[..., 0])
         _keep(signals, "wheels/position/actual", sync_ns, tpdo[:, :2, 1])
         _keep(signals, "wheels/effort", sync_ns, tpdo[:, :2, 2])
@@ -120,7 +133,7 @@ class SignalDecoder:
         wheels = signals.get("wheels/position/actual")
         if wheels is None:
             return
-        whole = wheels.at(~np.isnan(wheels.values).any(axis=1))
+        whole = wheels.complete()
         if not len(whole):
             return
         t_ns, position = whole.t_ns, whole.values
@@ -132,13 +145,19 @@ class SignalDecoder:
         _keep(signals, "platform/velocity/encoder", (t_ns[1:] + t_ns[:-1]) // 2, velocity)
 
     def _reference(
-        self, batch: FrameBatch, rows: Ints, sync_ns: Ints, first: int, signals: dict[str, Signal], counts: dict[str, int]
+        self,
+        batch: FrameBatch,
+        rows: Ints,
+        sync_ns: Ints,
+        first: int,
+        signals: dict[str, Signal],
+        counts: dict[str, int],
     ) -> None:
         """Joins the three frames of each cycle's reference (same counter) and gives them the time that they are meant for."""
         n = len(sync_ns)
         parts = []
         for number, positions in ((2, (0, 1, 2)), (3, (0, 1, 2, 3)), (4, (0, 1, 2, 3))):
-            layout = self._layouts.get((PLANNER, PdoKind.TPDO, number))
+            layout = self._layouts.get((PLANNER_ID, PdoKind.TPDO, number))
             if layout is None:
                 return
             found = self._checked(batch, layout, counts)
@@ -177,15 +196,15 @@ class SignalDecoder:
     def _plain_frames(self, batch: FrameBatch, signals: dict[str, Signal], counts: dict[str, int]) -> None:
         """Frames that mean something each by itself: at their own time, those with a wrong checksum left out."""
         plain = (
-            ("planner/state", PLANNER, 1, (0, 1, 2, 3)),
-            ("mission", STRATEGIC, 4, (0, 1)),
-            ("twist/linear", STRATEGIC, 1, (0, 1, 2)),
-            ("twist/angular", STRATEGIC, 2, (0, 1, 2)),
-            ("wrench/force", SENSOR, 1, (0, 1, 2)),
-            ("wrench/torque", SENSOR, 2, (0, 1, 2)),
-            ("tracker/xy", TRACKER, 1, (0, 1, 2)),
-            ("tracker/z", TRACKER, 2, (0, 1, 2, 3)),
-            ("tracker/rotation_vector", TRACKER, 3, (0, 1, 2)),
+            ("planner/state", PLANNER_ID, 1, (0, 1, 2, 3)),
+            ("mission", STRATEGIC_ID, 4, (0, 1)),
+            ("twist/linear", STRATEGIC_ID, 1, (0, 1, 2)),
+            ("twist/angular", STRATEGIC_ID, 2, (0, 1, 2)),
+            ("wrench/force", FORCE_SENSOR_ID, 1, (0, 1, 2)),
+            ("wrench/torque", FORCE_SENSOR_ID, 2, (0, 1, 2)),
+            ("tracker/xy", TRACKER_ID, 1, (0, 1, 2)),
+            ("tracker/z", TRACKER_ID, 2, (0, 1, 2, 3)),
+            ("tracker/rotation_vector", TRACKER_ID, 3, (0, 1, 2)),
         )
         for name, node, number, positions in plain:
             layout = self._layouts.get((node, PdoKind.TPDO, number))

@@ -40,7 +40,10 @@ class Dexterity:
             robots.append(extended(self._arm, state) if self._has_platform else state.end_point_jacobian)
             wrists.append(self._wrist(configuration))
         pose = pose_WE.values[rows]
-        sigma_arm, sigma_robot = np.linalg.svd(np.array(arms), compute_uv=False), np.linalg.svd(np.array(robots), compute_uv=False)
+        sigma_arm, sigma_robot = (
+            np.linalg.svd(np.array(arms), compute_uv=False),
+            np.linalg.svd(np.array(robots), compute_uv=False),
+        )
         columns = np.column_stack([sigma_arm.prod(axis=1), sigma_robot.prod(axis=1), np.array(wrists)])
         return {
             "manipulability": Signal(t_ns, columns),

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.checksum import crc8_j1850, start_value
 from drivers.frame import Frame
-from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind
+from drivers.objects import DataType, DeviceDef, ObjectDef, PdoDef, PdoKind
 from logs.tape import SYNC_ID
 from stack.messages import Matrix
 
@@ -39,7 +40,8 @@ class FrameBatch:
 
     def sync_times(self) -> Ints:
         """Times of the SYNC frames."""
-        return self.t_ns[self.can_id == SYNC_ID]
+        times: Ints = self.t_ns[self.can_id == SYNC_ID]
+        return times
 
     def rows(self, can_id: int, length: int | None = None) -> Ints:
         """Indices of the frames with this identifier, and of this length if one is asked for."""
@@ -71,9 +73,9 @@ class PdoLayout:
             can_id=pdo.cob_id & 0x7FF,
             length=((ends[-1] if ends else 0) + 7) // 8,
             names=tuple(entry.name for entry in objects),
-            offsets=tuple([0, *ends[:-1]]),
+            offsets=(0, *ends[:-1]),
             types=tuple(entry.data_type for entry in objects),
-            scales=tuple(entry.scale for entry in objects),
+            scales=tuple(_si_scale(device, entry) for entry in objects),
         )
 
     def raw(self, payload: NDArray[np.uint8], position: int) -> NDArray[np.int64 | np.float32 | np.float64]:
@@ -95,6 +97,14 @@ class PdoLayout:
         return np.stack([self.raw(payload, i) * self.scales[i] for i in positions], axis=1).astype(np.float64)
 
 
+def _si_scale(device: DeviceDef, entry: ObjectDef) -> float:
+    """SI value of one count; a torque in per mille of the rated one becomes N·m or N."""
+    if entry.unit != "rated torque":
+        return entry.scale
+    rated = device.object(0x6076)
+    return entry.scale * float(rated.default) * rated.scale
+
+
 def pdo_layouts(devices: Iterable[DeviceDef]) -> dict[tuple[int, PdoKind, int], PdoLayout]:
     """Layouts of all enabled PDOs, by (node id, kind, number)."""
     return {
@@ -105,21 +115,13 @@ def pdo_layouts(devices: Iterable[DeviceDef]) -> dict[tuple[int, PdoKind, int], 
     }
 
 
-def _crc8_table() -> NDArray[np.uint8]:
-    table = np.arange(256, dtype=np.int64)
-    for _ in range(8):
-        table = np.where(table & 0x80, (table << 1) ^ 0x1D, table << 1) & 0xFF
-    return table.astype(np.uint8)
-
-
-_CRC8 = _crc8_table()
+_CRC8 = np.array([crc8_j1850(bytes([i ^ 0xFF])) ^ 0xFF for i in range(256)], np.uint8)  # the table behind the checksum
 
 
 def checksum_ok(can_id: int, payload: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(n,) whether byte 7 is the CRC-8 SAE J1850 (polynomial 1Dh, FFh before and after) of [id low, id high, bytes 0–6]."""
-    crc = np.full(len(payload), 0xFF, np.uint8)
-    for byte in (can_id & 0xFF, can_id >> 8):
-        crc = _CRC8[crc ^ np.uint8(byte)]
+    """(n,) whether byte 7 is the checksum of identifier and bytes 0–6, see `drivers.checksum`."""
+    crc = np.full(len(payload), start_value(can_id), np.uint8)
     for column in range(7):
         crc = _CRC8[crc ^ payload[:, column]]
-    return (crc ^ np.uint8(0xFF)) == payload[:, 7]
+    good: NDArray[np.bool_] = (crc ^ np.uint8(0xFF)) == payload[:, 7]
+    return good

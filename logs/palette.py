@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 Color = tuple[int, int, int]
 
 COMMANDED: Color = (245, 178, 62)
@@ -37,8 +39,8 @@ STATES: dict[str, Color] = {
     "ready to switch on": IDLE,
     "switch on disabled": IDLE,
     "not ready": IDLE,
-    "quick stop": WARNING,
-    "fault reaction": BAD,
+    "quick stop active": WARNING,
+    "fault reaction active": BAD,
     "fault": BAD,
     # the planner's phases
     "boot": IDLE,
@@ -70,7 +72,7 @@ _ERROR_SCALE = ((0.0, (112, 219, 134)), (0.5, (245, 200, 62)), (1.0, (224, 60, 6
 def error_color(error: float, full_scale: float) -> Color:
     """Green at 0, amber at half, red from `full_scale` on."""
     share = min(max(error / full_scale, 0.0), 1.0)
-    for (low, low_color), (high, high_color) in zip(_ERROR_SCALE[:-1], _ERROR_SCALE[1:], strict=True):
+    for (low, low_color), (high, high_color) in pairwise(_ERROR_SCALE):
         if share <= high:
             part = (share - low) / (high - low)
             r, g, b = (round(a + part * (c - a)) for a, c in zip(low_color, high_color, strict=True))

@@ -8,23 +8,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from logs import palette
-from logs.dexterity import MANIPULABILITY
 from logs.palette import Color
 from logs.signals import Signal
 from stack.kinematics import ArmModel
 
 XYZ = ("x", "y", "z")
-PLATFORM_ROLES = (("commanded", palette.COMMANDED), ("encoder", palette.MEASURED), ("true", palette.TRUE))
+# what is said first lies below and is drawn broader, so that all three are seen where they agree
+PLATFORM_ROLES = (
+    ("commanded", palette.COMMANDED, 4.0),
+    ("encoder", palette.MEASURED, 2.5),
+    ("true", palette.TRUE, 1.0),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Names and colours of the columns of one entity; `width` in points."""
+    """Names and colours of the columns of one entity; `widths` in points."""
 
     path: str
     names: tuple[str, ...]
     colors: tuple[Color, ...]
-    width: float = 1.5
+    widths: tuple[float, ...] = ()
+
+    @property
+    def all_widths(self) -> tuple[float, ...]:
+        return self.widths or (1.5,) * len(self.names)
 
 
 def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
@@ -35,19 +43,18 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
     limits = ("upper limit", "lower limit", "padding", "padding ")
     limit_colors = (palette.LIMIT, palette.LIMIT, palette.PADDING, palette.PADDING)
     detail = ("actual", "target", *limits)
-    dexterity = (palette.COMMANDED, palette.MEASURED, palette.JOINTS[7], palette.VIOLET)
     return (
-        Series("tcp/error_mm", ("distance", "across the path"), (palette.LIMIT, palette.COMMANDED)),
+        Series("tcp/error_mm", ("distance", "across the path"), (palette.LIMIT, palette.COMMANDED), (3.0, 1.2)),
         Series("tcp/rotation_error_mrad", ("rotation",), (palette.VIOLET,)),
         *(Series(f"joints/{name}", joints, colors) for name in per_joint),
-        Series("joints/limits", limits, limit_colors, 1.0),
+        Series("joints/limits", limits, limit_colors, (1.0,) * 4),
         *(
             Series(f"joints/each/{joint}", detail, (palette.MEASURED, palette.COMMANDED, *limit_colors))
             for joint in joints
         ),
-        *(Series(f"platform/v/{role}", (role,), (color,)) for role, color in PLATFORM_ROLES),
-        *(Series(f"platform/omega/{role}", (role,), (color,)) for role, color in PLATFORM_ROLES),
-        Series("manipulability", MANIPULABILITY, dexterity),
+        *(Series(f"platform/v/{role}", (role,), (color,), (width,)) for role, color, width in PLATFORM_ROLES),
+        *(Series(f"platform/omega/{role}", (role,), (color,), (width,)) for role, color, width in PLATFORM_ROLES),
+        *(Series(f"manipulability/{name}", ("TCP", "wrist centre"), pair) for name, pair in _DEXTERITY_COLORS),
         Series("singular_values/arm", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
         Series("singular_values/robot", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
         Series("planner/path_scale", ("path scale",), (palette.TRUE,)),
@@ -79,6 +86,10 @@ class Plots:
         yield from self._error(signals)
         yield from self._joints(signals)
         yield from _platform(signals)
+        if "manipulability" in signals:
+            both = signals["manipulability"]
+            yield "manipulability/arm", Signal(both.t_ns, both.values[:, 0::2])
+            yield "manipulability/robot", Signal(both.t_ns, both.values[:, 1::2])
         if "planner/state" in signals:
             state = signals["planner/state"]
             yield "planner/path_scale", Signal(state.t_ns, state.values[:, 3:4])
@@ -122,12 +133,15 @@ class Plots:
             yield f"joints/each/{name}", Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits]))
 
 
+_DEXTERITY_COLORS = (
+    ("arm", (palette.COMMANDED, palette.JOINTS[7])),
+    ("robot", (palette.MEASURED, palette.VIOLET)),
+)
 _DIRECT = (
     ("joints/position/actual", "joints/position/actual", 1.0),
     ("joints/position/target", "joints/position/target", 1.0),
     ("joints/effort/actual", "joints/effort", 1.0),
     ("joints/effort/offset", "joints/effort/offset", 1.0),
-    ("manipulability", "manipulability", 1.0),
     ("singular_values/arm", "singular_values/arm", 1.0),
     ("singular_values/robot", "singular_values/robot", 1.0),
     ("bus/load_percent", "bus/load", 100.0),
@@ -141,7 +155,11 @@ _DIRECT = (
 
 
 def _platform(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
-    sources = {"commanded": "platform/velocity/commanded", "encoder": "platform/velocity/encoder", "true": "truth/base_twist"}
+    sources = {
+        "commanded": "platform/velocity/commanded",
+        "encoder": "platform/velocity/encoder",
+        "true": "truth/base_twist",
+    }
     for role, name in sources.items():
         if name in signals:
             signal = signals[name]

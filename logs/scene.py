@@ -67,17 +67,25 @@ class Scene:
             t_ns, q_rows, poses = q.t_ns[rows], q.values[rows], base.values[rows]
             if len(rows):
                 for i, joint in enumerate(self._joints):
-                    send(f"tf/joints/{joint.name}", t_ns, joint.compute_transform_columns(q_rows[:, i].tolist(), clamp=False))
+                    send(
+                        f"tf/joints/{joint.name}",
+                        t_ns,
+                        joint.compute_transform_columns(q_rows[:, i].tolist(), clamp=False),
+                    )
                 frames = {"parent_frame": ["world"] * len(rows), "child_frame": [self._root] * len(rows)}
                 send("tf/platform", t_ns, _pose_columns(poses[:, :3, 3], _quaternions(poses), **frames))
         wheels = signals.get("wheels/position/actual")
         if wheels is not None:
-            whole = wheels.at(~np.isnan(wheels.values).any(axis=1))
+            whole = wheels.complete()
             rows = self._turns.due(whole.t_ns)
             for i, joint in enumerate(self._wheels):
                 if len(rows):
                     angles = np.remainder(whole.values[rows, i], 2 * np.pi).tolist()
-                    send(f"tf/joints/{joint.name}", whole.t_ns[rows], joint.compute_transform_columns(angles, clamp=False))
+                    send(
+                        f"tf/joints/{joint.name}",
+                        whole.t_ns[rows],
+                        joint.compute_transform_columns(angles, clamp=False),
+                    )
 
     def _paths(self, signals: Mapping[str, Signal], send: Send) -> None:
         commanded, error = signals.get("tcp/commanded"), signals.get("tcp/error")
@@ -105,7 +113,13 @@ class Scene:
         self._strips("world/path/true", t_ns, points, known, -3.5, send)
 
     def _strips(
-        self, path: str, t_ns: Ints, points: np.ndarray, colors: palette.Color | list[palette.Color], radius: float, send: Send
+        self,
+        path: str,
+        t_ns: Ints,
+        points: np.ndarray,
+        colors: palette.Color | list[palette.Color],
+        radius: float,
+        send: Send,
     ) -> None:
         """Pieces of a line that starts where the last one ended; `radius` < 0 is in points of the screen."""
         strips, times, of_strip = [], [], []
@@ -127,7 +141,7 @@ def error_or_grey(error: float) -> palette.Color:
 
 
 def _quaternions(poses: np.ndarray) -> np.ndarray:
-    return Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    return np.asarray(Rotation.from_matrix(poses[:, :3, :3]).as_quat())
 
 
 def _pose_columns(position: np.ndarray, quaternion: np.ndarray, **frames: list[str]) -> Any:

@@ -54,7 +54,12 @@ class Signal:
     @property
     def t_s(self) -> NDArray[np.float64]:
         """Times in seconds."""
-        return self.t_ns * 1e-9
+        return np.asarray(self.t_ns * 1e-9, np.float64)
+
+    def complete(self) -> Signal:
+        """The rows in which no value is missing."""
+        missing = np.isnan(self.values).reshape(len(self), -1)
+        return self.at(np.flatnonzero(~missing.any(axis=1)))
 
     def at(self, rows: Ints | slice | NDArray[np.bool_]) -> Signal:
         """Some of the rows."""
@@ -117,7 +122,9 @@ class SignalTable:
 
     def get(self, name: str) -> Signal | None:
         """The whole signal, or None when nothing of that name was received."""
-        return self[name] if name in self else None
+        if name not in self._parts:
+            return None
+        return self[name]
 
     def names(self) -> list[str]:
         """Names of the signals that have values, sorted."""

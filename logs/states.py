@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from enum import Enum
 
 import numpy as np
 
+from drivers.catalogue import DRIVE_IDS
+from drivers.cia402.states import State, state_of
 from logs.events import Event, Level
 from logs.frame_batch import FrameBatch, Ints
 from logs.signals import Signal, StateChange
@@ -13,23 +16,19 @@ from stack.messages import Mode, PlannerPhase, Restriction
 
 HEARTBEAT_TIMEOUT_NS = 350_000_000
 NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
-LOST = "lost"
+LOST, UNKNOWN = "lost", "unknown"
 
-# CiA 402, statusword: (mask, value, state); from the least to the most able, faults last
-_STATUSWORD = (
-    (0x4F, 0x00, "not ready"),
-    (0x4F, 0x40, "switch on disabled"),
-    (0x6F, 0x21, "ready to switch on"),
-    (0x6F, 0x23, "switched on"),
-    (0x6F, 0x27, "operation enabled"),
-    (0x6F, 0x07, "quick stop"),
-    (0x4F, 0x0F, "fault reaction"),
-    (0x4F, 0x08, "fault"),
+# from the most able drive to the gravest state
+_BY_GRAVITY = (
+    State.OPERATION_ENABLED,
+    State.SWITCHED_ON,
+    State.READY_TO_SWITCH_ON,
+    State.SWITCH_ON_DISABLED,
+    State.NOT_READY,
+    State.QUICK_STOP_ACTIVE,
+    State.FAULT_REACTION_ACTIVE,
+    State.FAULT,
 )
-DRIVE_STATES = tuple(state for _, _, state in _STATUSWORD)
-_GRAVITY = {state: rank for rank, state in enumerate(
-    ("operation enabled", "switched on", "ready to switch on", "switch on disabled", "not ready", "quick stop", "fault reaction", "fault")
-)}  # fmt: skip
 EMCY_TEXTS = {
     0x10: "generic error",
     0x20: "current",
@@ -47,38 +46,53 @@ EMCY_TEXTS = {
 """Error classes by the high byte of the code (CiA 301, table 26; drives: IEC 61800-7-201)."""
 
 
+def _text(member: Enum) -> str:
+    return member.name.lower().replace("_", " ")
+
+
 def drive_state(statusword: int) -> str:
     """The CiA 402 state that a statusword tells; `unknown` for a bit pattern that the profile does not have."""
-    for mask, value, state in _STATUSWORD:
-        if statusword & mask == value:
-            return state
-    return "unknown"
+    state = state_of(statusword)
+    return UNKNOWN if state is None else _text(state)
+
+
+def _gravity(state: str) -> int:
+    return _GRAVITY.get(state, len(_GRAVITY))
 
 
 def restriction_text(restrictions: int) -> str:
     """What shaped the command in words, the gravest first, joint numbers joined: `infeasible, joint 2+5`; `none` for 0."""
     flags = Restriction(restrictions)
     joints = [str(i + 1) for i in range(8) if restrictions >> i & 1]
-    others = [str(flag.name).lower().replace("_", " ") for flag in reversed(Restriction) if flag in flags and flag >= Restriction.VELOCITY]
+    others = [
+        str(flag.name).lower().replace("_", " ")
+        for flag in reversed(Restriction)
+        if flag in flags and flag >= Restriction.VELOCITY
+    ]
     return ", ".join(others + ([f"joint {'+'.join(joints)}"] if joints else [])) or "none"
+
+
+_GRAVITY = {_text(state): rank for rank, state in enumerate(_BY_GRAVITY)}
 
 
 class StateDecoder:
     """Keeps the last state of every lane, so that only changes come out. Lanes: `mission/mode`, `planner/phase`, …"""
 
-    def __init__(
-        self, names: Mapping[int, str], joint_names: Mapping[int, str], wheels: Sequence[int], joints: Sequence[int]
-    ) -> None:
+    def __init__(self, names: Mapping[int, str]) -> None:
+        """`names` of all nodes by node id."""
         self._nodes = dict(names)
-        self._drives = [names.get(node, f"node {node}") for node in wheels]
-        self._drives += [joint_names.get(node, names.get(node, f"node {node}")) for node in joints]
-        self._wheels = len(wheels)
+        self._drives = [names.get(node, f"node {node}") for node in DRIVE_IDS]
         self._last: dict[str, str] = {}
         self._last_beat: dict[int, int] = {}
 
     def decode(self, batch: FrameBatch, signals: Mapping[str, Signal]) -> tuple[tuple[StateChange, ...], list[Event]]:
         """State changes and events of a batch, in the order of time."""
-        changes = [*self._mission(signals), *self._planner(signals), *self._drive_states(signals), *self._heartbeats(batch)]
+        changes = [
+            *self._mission(signals),
+            *self._planner(signals),
+            *self._drive_states(signals),
+            *self._heartbeats(batch),
+        ]
         changes.sort(key=_change_time)
         events = [event for change in changes if (event := _event_of(change)) is not None]
         events += self._emergencies(batch)
@@ -108,7 +122,9 @@ class StateDecoder:
         if planner is None:
             return
         codes = planner.values[:, :3].astype(np.int64)
-        yield from self._changes("planner/phase", planner.t_ns, codes[:, 0], lambda code: _enum_text(PlannerPhase, code))
+        yield from self._changes(
+            "planner/phase", planner.t_ns, codes[:, 0], lambda code: _enum_text(PlannerPhase, code)
+        )
         yield from self._changes("planner/restrictions", planner.t_ns, codes[:, 2], restriction_text)
 
     def _drive_states(self, signals: Mapping[str, Signal]) -> Iterable[StateChange]:
@@ -120,18 +136,17 @@ class StateDecoder:
         for column, name in enumerate(self._drives):
             known = codes[:, column] >= 0
             yield from self._changes(f"drives/{name}", words.t_ns[known], codes[known, column], drive_state)
-        yield from self._groups(words.t_ns, codes)
+        yield from self._together(words.t_ns, codes)
 
-    def _groups(self, t_ns: Ints, codes: Ints) -> Iterable[StateChange]:
-        """`drives/wheels`, `drives/joints`: the gravest state of the group, computed where any member changes."""
-        for lane, part in (("wheels", codes[:, : self._wheels]), ("joints", codes[:, self._wheels :])):
-            rows = np.append(0, np.flatnonzero(np.any(np.diff(part, axis=0), axis=1)) + 1)
-            for i in rows.tolist():
-                states = [drive_state(code) for code in part[i].tolist() if code >= 0]
-                state = max(states, key=lambda name: _GRAVITY.get(name, len(_GRAVITY)), default="not ready")
-                if self._last.get(f"group {lane}") != state:
-                    self._last[f"group {lane}"] = state
-                    yield StateChange(int(t_ns[i]), f"drives/{lane}", state)
+    def _together(self, t_ns: Ints, codes: Ints) -> Iterable[StateChange]:
+        """`drives/all`: the gravest state of all drives, computed where any of them changes."""
+        rows = np.append(0, np.flatnonzero(np.any(np.diff(codes, axis=0), axis=1)) + 1)
+        for i in rows.tolist():
+            states = [drive_state(code) for code in codes[i].tolist() if code >= 0]
+            state = max(states, key=_gravity, default="not ready")
+            if self._last.get("drives/all") != state:
+                self._last["drives/all"] = state
+                yield StateChange(int(t_ns[i]), "drives/all", state)
 
     def _heartbeats(self, batch: FrameBatch) -> Iterable[StateChange]:
         """NMT states from heartbeats (700h + node), and `lost` once one has been missing for its time-out."""
@@ -172,7 +187,7 @@ def _event_of(change: StateChange) -> Event | None:
     if group == "nodes":
         level = Level.ERROR if change.state == LOST else Level.INFO
         return Event(change.t_ns, level, name, f"NMT state: {change.state}")
-    if group == "drives" and name not in ("wheels", "joints"):
+    if group == "drives" and name != "all":
         if change.state.startswith("fault"):
             return Event(change.t_ns, Level.ERROR, name, change.state)
         return Event(change.t_ns, Level.DEBUG, name, change.state)
@@ -181,14 +196,16 @@ def _event_of(change: StateChange) -> Event | None:
         return Event(change.t_ns, level, "planner", f"phase: {change.state}")
     if group == "mission":
         return Event(change.t_ns, Level.INFO, "strategic", f"{name}: {change.state}")
-    if change.lane == "planner/restrictions" and ("infeasible" in change.state or "stale" in change.state or "degraded" in change.state):
+    if change.lane == "planner/restrictions" and (
+        "infeasible" in change.state or "stale" in change.state or "degraded" in change.state
+    ):
         return Event(change.t_ns, Level.WARN, "planner", f"restricted: {change.state}")
     return None
 
 
 def _enum_text(kind: type[Mode] | type[PlannerPhase], code: int) -> str:
     try:
-        return kind(code).name.lower().replace("_", " ")
+        return _text(kind(code))
     except ValueError:
         return f"unknown {code}"
 

@@ -10,23 +10,29 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def quiet_stdout() -> Iterator[None]:
-    """Send what C code writes to standard output to nowhere (PyBullet announces its build and warns by printf)."""
-    sys.stdout.flush()
+def quiet() -> Iterator[None]:
+    """Send what C code writes to standard output and standard error to nowhere (build line, warnings of the loader).
+
+    Python's exceptions are not affected.
+    """
     libc = ctypes.CDLL(None)
+    sys.stdout.flush()
+    sys.stderr.flush()
     libc.fflush(None)
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    kept, nowhere = (os.dup(1), os.dup(2)), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
     try:
         yield
     finally:
-        libc.fflush(None)  # before descriptor 1 is the user's again, or the text would come out at exit
-        os.dup2(kept, 1)
-        os.close(kept)
+        libc.fflush(None)  # before the descriptors are the user's again, or the text would come out at exit
+        for descriptor, saved in zip((1, 2), kept, strict=True):
+            os.dup2(saved, descriptor)
+            os.close(saved)
         os.close(nowhere)
 
 
-with quiet_stdout():
+with quiet():
     import pybullet
 
-__all__ = ["pybullet", "quiet_stdout"]
+__all__ = ["pybullet", "quiet"]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.bullet import pybullet, quiet_stdout
+from sim.bullet import pybullet, quiet
 from sim.rotation import inverse, pose_of, quaternion_of
 from stack.messages import Matrix, Vector
 
@@ -41,8 +41,10 @@ class PhysicsParameters:
 
     step_s: float = 1e-3
     solver_iterations: int = 50
-    solver_residual: float = 1e-6
-    """(m/s)²: the solver stops early below it"""
+    braked_iterations: int = 200
+    """while a brake is closed: braked joints are constraints, and the solver takes longer to agree on them"""
+    solver_residual: float = 1e-11
+    """(m/s)²: the solver stops early below it; at 1e-9 a parked robot creeps ten times as fast"""
     gravity: float = 9.81
     wheel_friction: float = 0.9
     floor_friction: float = 1.0
@@ -61,7 +63,7 @@ class Physics:
         self.parameters = parameters
         self.names = names
         self.urdf = urdf
-        with quiet_stdout():
+        with quiet():
             self.client: int = pybullet.connect(pybullet.DIRECT)
         self.load()
 
@@ -88,7 +90,7 @@ class Physics:
         self.floor: int = p.createMultiBody(0.0, plane, physicsClientId=client)
         p.changeDynamics(self.floor, -1, lateralFriction=settings.floor_friction, physicsClientId=client)
         p.setCollisionFilterGroupMask(self.floor, -1, FLOOR, WHEELS | GRIPPER | OBSTACLES, physicsClientId=client)
-        with quiet_stdout():
+        with quiet():
             self.robot: int = p.loadURDF(str(self.urdf), flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
         self._index_links()
         self._free_joints()
@@ -192,14 +194,14 @@ class Physics:
 
     # --- actuation ---------------------------------------------------------------------------------------------------
 
-    def set_brakes(self, closed: Sequence[bool]) -> None:
+    def set_brakes(self, engaged: Sequence[bool]) -> None:
         """Hold the arm joints (8,) where they are, with their effort limit, or leave them to their torque."""
         p = pybullet
         for i, joint in enumerate(self.arm_joints):
-            if self._loose[i] != bool(closed[i]):
+            if self._loose[i] != bool(engaged[i]):
                 continue
-            self._loose[i] = not closed[i]
-            if closed[i]:
+            self._loose[i] = not engaged[i]
+            if engaged[i]:
                 p.setJointMotorControl2(
                     self.robot,
                     joint,
@@ -211,28 +213,21 @@ class Physics:
                 )
             else:
                 p.setJointMotorControl2(self.robot, joint, p.VELOCITY_CONTROL, force=0.0, physicsClientId=self.client)
-
-    def set_torques(self, torque: Vector) -> None:
-        """Torques of the arm joints (8,) for the coming step; those with a closed brake stay held."""
-        joints, forces = self.arm_joints, torque.tolist()
-        if not all(self._loose):
-            joints = [joint for joint, loose in zip(joints, self._loose, strict=True) if loose]
-            forces = [force for force, loose in zip(forces, self._loose, strict=True) if loose]
-            if not joints:
-                return
-        pybullet.setJointMotorControlArray(
-            self.robot, joints, pybullet.TORQUE_CONTROL, forces=forces, physicsClientId=self.client
+        braked = not all(self._loose)
+        p.setPhysicsEngineParameter(
+            numSolverIterations=self.parameters.braked_iterations if braked else self.parameters.solver_iterations,
+            physicsClientId=self.client,
         )
 
-    def set_wheel_speeds(self, speed: Vector, torque: float) -> None:
-        """Velocity motors of both wheels (2,), rad/s, with at most `torque` N·m."""
+    def set_torques(self, wheels: Vector, arm: Vector) -> None:
+        """Torques of the wheels (2,) and the arm joints (8,) for the coming step; closed brakes stay closed."""
+        joints, forces = self._drives, [*wheels.tolist(), *arm.tolist()]
+        if not all(self._loose):
+            free = [True, True, *self._loose]
+            joints = [joint for joint, loose in zip(joints, free, strict=True) if loose]
+            forces = [force for force, loose in zip(forces, free, strict=True) if loose]
         pybullet.setJointMotorControlArray(
-            self.robot,
-            self.wheel_joints,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocities=speed.tolist(),
-            forces=[torque, torque],
-            physicsClientId=self.client,
+            self.robot, joints, pybullet.TORQUE_CONTROL, forces=forces, physicsClientId=self.client
         )
 
     def push(self, force: Vector, torque: Vector | None = None) -> None:

@@ -40,12 +40,12 @@ class RobotPlant:
         """Command (10,) that holds until the next one."""
         self._command[:] = command
 
-    def brake(self, closed: Sequence[bool]) -> None:
-        """Close or open the holding brakes, (10,); those of the wheels do not exist, their drives hold still at 0.
+    def brake(self, engaged: Sequence[bool]) -> None:
+        """Close (engage) or open the holding brakes, (10,); the wheels have none.
 
         A drive without power keeps its brake closed: the arm would fall otherwise. All are closed after a reset.
         """
-        self.physics.set_brakes(closed[WHEELS:])
+        self.physics.set_brakes(engaged[WHEELS:])
 
     def zero(self) -> None:
         """Forget all commands; wheel encoders read 0."""
@@ -55,11 +55,9 @@ class RobotPlant:
     def actuate(self) -> None:
         """Before a step: from the held commands to motors and torques."""
         self.slip.advance()
-        self.wheels.drive(self._command[:WHEELS])
-        driven = self.wheels.speed * (1.0 - self.slip.ratio)
-        self.physics.set_wheel_speeds(driven, self.wheels.parameters.peak_torque)
+        self.wheels.drive(self._command[:WHEELS], self.physics.wheel_rate, self.slip.ratio)
         self.joints.advance(self._command[WHEELS:], self.physics.dq)
-        self.physics.set_torques(self.joints.effort)
+        self.physics.set_torques(self.wheels.effort, self.joints.effort)
 
     def sense(self) -> None:
         """After a step: encoders."""

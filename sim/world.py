@@ -78,11 +78,10 @@ class World:
         pose[:2, 3] = x, y
         physics.place(pose, parameters.home)
         self.plant.brake([True] * self.plant.axes)
-        standing = np.zeros(2)
         for _ in range(round(parameters.settle_s / step_s)):
-            physics.set_wheel_speeds(standing, parameters.wheels.peak_torque)
+            self.plant.actuate()
             physics.step()
-        physics.sense()
+            physics.sense()
         self.plant.zero()
         self.force_sensor = ForceSensor(parameters.force_sensor, physics, self.seed)
 

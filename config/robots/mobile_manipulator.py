@@ -9,7 +9,9 @@ from config.robots.chain import COLOURS, add_chain, tcp_link
 from config.robots.urdf import Joint, Link, Robot, Shape, Triple
 from stack.kinematics.robot_file import JointRow, PlatformParameters, RobotFile
 
-CASTOR_X, CASTOR_RADIUS = 0.40, 0.05
+# With these, no wheel lifts in any arm posture at full acceleration or in the tightest fast curve: 60 kg would tip.
+PLATFORM_MASS, CENTRE_X, CENTRE_Z = 70.0, 0.13, 0.11
+CASTOR_X, CASTOR_RADIUS = 0.43, 0.05
 SENSOR_AT = 0.13  # m from the wrist centre to the force sensor, along the hand
 SENSOR_LENGTH = 0.03
 
@@ -83,7 +85,7 @@ def _arm_body(row: JointRow) -> Link:
 
 def _add_platform(robot: Robot, platform: PlatformParameters) -> None:
     radius, half, deck = platform.wheel_radius, platform.track / 2, platform.arm_base[2]
-    body = Shape("box", (0.62, 0.38, 0.26), (0.12, 0.0, 0.17))
+    body = Shape("box", (0.62, 0.38, 0.16), (CENTRE_X, 0.0, CENTRE_Z))
     looks = (
         box((0.60, 0.38, 0.19), (0.16, 0.0, 0.185), "dark"),
         box((0.605, 0.385, 0.03), (0.16, 0.0, 0.235), "orange"),
@@ -92,14 +94,14 @@ def _add_platform(robot: Robot, platform: PlatformParameters) -> None:
         Shape("cylinder", (0.035, 0.05), (0.42, 0.0, deck + 0.005), colour="blue"),
     )
     hull = box((0.62, 0.38, 0.23), (0.16, 0.0, 0.215), "dark")
-    robot.links.append(Link("base_link", 60.0, body, visuals=looks, collisions=(hull,)))
+    robot.links.append(Link("base_link", PLATFORM_MASS, body, visuals=looks, collisions=(hull,)))
     for name, y, joint in zip(("wheel_left", "wheel_right"), (half, -half), platform.wheel_joints, strict=True):
         tyre = Shape("cylinder", (radius, 0.04), rpy=(math.pi / 2, 0.0, 0.0), colour="rubber")
         hub = Shape("cylinder", (0.6 * radius, 0.045), rpy=(math.pi / 2, 0.0, 0.0), colour="grey")
         spoke = box((1.1 * radius, 0.048, 0.02), (0.0, 0.0, 0.0), "orange")  # so that one sees it turn
         # A sphere rolls exactly; cylinders are tessellated by PyBullet and roll too far.
         ball = Shape("sphere", (radius,))
-        robot.links.append(Link(name, 2.5, tyre, 0.02, (tyre, hub, spoke), (ball,)))
+        robot.links.append(Link(name, 2.5, tyre, 0.1, (tyre, hub, spoke), (ball,)))
         speed = (platform.velocity + platform.yaw_rate * half) / radius
         limit = (0.0, 0.0, platform.wheel_peak_effort, speed)
         robot.joints.append(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections import deque
 
 from drivers.cia402.phases import AxisPhase, EmergencyMessage
 from drivers.cia402.states import State, state_of
 from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind
 from stack.messages import DriveFeedback
 
-_COMMAND = struct.Struct("<HiH")  # torque offset as two's complement: one mask instead of a sign check
+_COMMAND = struct.Struct("<Hih")
 _FEEDBACK = struct.Struct("<Hih")
 _VELOCITY = struct.Struct("<ib")
 
@@ -17,6 +18,8 @@ TARGET_POSITION, TARGET_VELOCITY = (0x607A, 0), (0x60FF, 0)
 COMMAND_OBJECTS = (((0x6040, 0), TARGET_POSITION, (0x60B2, 0)), ((0x6040, 0), TARGET_VELOCITY, (0x60B2, 0)))
 FEEDBACK_OBJECTS = ((0x6041, 0), (0x6064, 0), (0x6077, 0))
 MODE_CSP, MODE_CSV = 8, 9
+EMERGENCY_LOG_LENGTH = 64
+_HALF_TURN, _TURN_MASK = 1 << 31, (1 << 32) - 1
 LOW, HIGH = -(1 << 31), (1 << 31) - 1
 OFFSET_LOW, OFFSET_HIGH = -(1 << 15), (1 << 15) - 1
 
@@ -38,6 +41,7 @@ class AxisClient:
         "emergencies",
         "feedback_id",
         "follows_planner",
+        "heard",
         "heartbeat_ns",
         "missed_syncs",
         "mode",
@@ -53,6 +57,7 @@ class AxisClient:
         "received_ns",
         "sent",
         "started",
+        "started_ns",
         "statusword",
         "target_raw",
         "timeout_ns",
@@ -84,8 +89,11 @@ class AxisClient:
         self.effort_scale = 1e-6 * int(_default(device, 0x6076, 1000))
         """N·m (N) per wire unit: ‰ of the rated torque, which 6076h gives in thousandths."""
         self.phase = AxisPhase.ABSENT
+        self.heard = False
+        """The drive has shown a sign of life since it was last given up."""
         self.started = False
         """The master has started it by NMT and serves it with commands."""
+        self.started_ns = 0
         self.needs_configuration = True
         self.follows_planner = False
         self.controlword = 0
@@ -94,11 +102,12 @@ class AxisClient:
         self.sent = 0
         self.statusword: int | None = None
         self.position_raw = self.previous_position_raw = self.torque_raw = self.velocity_raw = 0
-        self.received_ns = self.velocity_ns = 0
+        self.received_ns = 0
+        self.velocity_ns: int | None = None
         self.missed_syncs = 0
         self.nmt_state: int | None = None
         self.heartbeat_ns: int | None = None
-        self.emergencies: list[EmergencyMessage] = []
+        self.emergencies: deque[EmergencyMessage] = deque(maxlen=EMERGENCY_LOG_LENGTH)
         self.unreported_emergency: EmergencyMessage | None = None
         self.causes: list[str] = []
         """Why it is in FAULT, first cause first."""
@@ -117,15 +126,20 @@ class AxisClient:
 
         Raises struct.error for another length than 8.
         """
+        first = self.statusword is None
+        self.statusword, position, self.torque_raw = _FEEDBACK.unpack(data)
+        if first:
+            self.position_raw = position
         self.previous_position_raw = self.position_raw
-        self.statusword, self.position_raw, self.torque_raw = _FEEDBACK.unpack(data)
+        # a wheel turns on where 32 bits end: the shorter way round is the one that it went
+        self.position_raw += ((position - self.position_raw + _HALF_TURN) & _TURN_MASK) - _HALF_TURN
         self.received_ns = now_ns
         self.missed_syncs = 0
         if not self.follows_planner:
             if self.mode == MODE_CSV:
                 self.target_raw = 0
             elif self.state is not State.OPERATION_ENABLED:
-                self.target_raw = self.position_raw
+                self.target_raw = position
 
     def take_velocity(self, data: bytes, now_ns: int) -> None:
         """TPDO2. Raises struct.error for another length than 5."""
@@ -134,7 +148,7 @@ class AxisClient:
 
     def command(self) -> bytes:
         """RPDO1 as it goes out now."""
-        return _COMMAND.pack(self.controlword, self.target_raw, self.offset_raw & 0xFFFF)
+        return _COMMAND.pack(self.controlword, self.target_raw, self.offset_raw)
 
     def feedback(self, now_ns: int) -> DriveFeedback | None:
         """The last TPDO1 in SI units, None when there was none within the time-out."""
@@ -144,9 +158,15 @@ class AxisClient:
             self.statusword, self.position_raw * self.position_scale, self.torque_raw * self.effort_scale
         )
 
+    def velocity(self, now_ns: int, timeout_ns: int) -> float | None:
+        """The last TPDO2 in rad/s or m/s, None when there was none within `timeout_ns`."""
+        if self.velocity_ns is None or now_ns - self.velocity_ns > timeout_ns:
+            return None
+        return self.velocity_raw * self.velocity_scale
+
     def forget(self) -> None:
         """The drive has rebooted: nothing that it said before holds."""
-        self.statusword = None
+        self.statusword = self.velocity_ns = None
         self.started = self.follows_planner = False
         self.needs_configuration = True
         self.controlword = 0

@@ -15,6 +15,7 @@ from drivers.canopen.sdo_abort import SdoAborted, StepError
 from drivers.canopen.sequence import Delay, Download, Sequence, Until, Upload
 from drivers.cia402.axis import MODE_CSP, AxisClient
 from drivers.cia402.units import interpolation_period, si_factor
+from drivers.clock import Clock
 from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind, Value
 
 PDO_OFF = 1 << 31
@@ -52,8 +53,11 @@ class DriveSettings:
         return wanted
 
 
-def set_up(axis: AxisClient, settings: DriveSettings, command: Callable[[NmtCommand], None]) -> Sequence[None]:
+def set_up(
+    axis: AxisClient, settings: DriveSettings, clock: Clock, command: Callable[[NmtCommand], None]
+) -> Sequence[None]:
     """From a drive that answers to one that is operational, set up, and has told its statusword. `command`: NMT."""
+    axis.started = False
     if axis.nmt_state != NmtState.PRE_OPERATIONAL:
         command(NmtCommand.ENTER_PRE_OPERATIONAL)
         axis.nmt_state = None
@@ -68,6 +72,7 @@ def set_up(axis: AxisClient, settings: DriveSettings, command: Callable[[NmtComm
     yield from set_mode(axis, settings)
     axis.statusword = None
     axis.started = True
+    axis.started_ns = clock.now_ns()
     command(NmtCommand.START)
     yield Until(
         lambda: axis.statusword is not None,
@@ -81,7 +86,8 @@ def identify(axis: AxisClient) -> Sequence[None]:
     """Is it the drive that the table says, and can it do what is asked of it?"""
     device_type = yield Upload(0x1000, 0)
     if device_type & 0xFFFF != CIA402_PROFILE:
-        raise StepError("device type 1000h of a drive, profile 402", f"{device_type:08X}h, profile {device_type & 0xFFFF}")
+        profile = device_type & 0xFFFF
+        raise StepError("device type 1000h of a drive, profile 402", f"{device_type:08X}h, profile {profile}")
     for subindex, what in ((1, "vendor-ID"), (2, "product code")):
         wanted = _definition_default(axis.device, 0x1018, subindex)
         if wanted is not None:
@@ -112,7 +118,7 @@ def read_units(axis: AxisClient) -> Sequence[None]:
 
 
 def set_pdos(device: DeviceDef) -> Sequence[None]:
-    """All PDOs as the table has them; those that it does not use are off (a default-valid one may take another's frames)."""
+    """All PDOs as the table has them; those not in use are off (a default-valid one may take another axis' frames)."""
     for kind in PdoKind:
         wanted = {pdo.number: pdo for pdo in device.pdos if pdo.kind is kind and pdo.enabled}
         for number in range(1, PDOS_PER_KIND + 1):
@@ -142,7 +148,7 @@ def verify_process_data(device: DeviceDef) -> Sequence[None]:
 
 def pdo_differences(device: DeviceDef, pdo: PdoDef) -> Sequence[list[str]]:
     """What of a PDO in the drive is not as in the table, in words; the reading ends at the first one."""
-    communication, mapping = _records(pdo.kind, pdo.number)
+    communication, _ = _records(pdo.kind, pdo.number)
     cob_id = yield Upload(communication, 1, DataType.UNSIGNED32)
     if cob_id & _VALID_AND_ID != pdo.cob_id:
         return [_difference(communication, 1, pdo.cob_id, cob_id)]

@@ -9,9 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stack.kinematics.arm import ArmModel, ArmState
-from stack.kinematics.platform import platform_columns, turned_rows
+from stack.kinematics.arm import ArmModel, ArmState, turned_rows
+from stack.kinematics.platform import platform_columns
 from stack.messages import Restriction, Vector
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
@@ -200,7 +201,7 @@ def _wrapped(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
 
-def _of_joints(limited: Vector) -> Restriction:
+def _of_joints(limited: NDArray[np.bool_]) -> Restriction:
     bits = 0
     for i in np.flatnonzero(limited):
         bits |= 1 << int(i)

@@ -9,16 +9,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Matrix, Vector
 from stack.planner.resolvers.nullspace import restrict
+from stack.servo.compiled import compiled
+
+Flags = NDArray[np.bool_]
 
 _STEPS_AT_ONCE = 4
 _NOTHING = 1e-13
 
 
-@kernel
-def limit_scale(q, lower, lower_threshold, upper_threshold, upper):
+@compiled
+def limit_scale(q: float, lower: float, lower_threshold: float, upper_threshold: float, upper: float) -> float:
     """s(q) of one joint: 1 between the thresholds, `1 − ((q − q_th)/(q_lim − q_th))²` inside a zone, 0 at a limit and outside it."""
     if q > upper_threshold:
         return 0.0 if q >= upper else 1.0 - ((q - upper_threshold) / (upper - upper_threshold)) ** 2
@@ -27,8 +31,16 @@ def limit_scale(q, lower, lower_threshold, upper_threshold, upper):
     return 1.0
 
 
-@kernel
-def zones(q, lower, lower_threshold, upper_threshold, upper, recovery_rate, recovery_velocity):
+@compiled
+def zones(
+    q: Vector,
+    lower: Vector,
+    lower_threshold: Vector,
+    upper_threshold: Vector,
+    upper: Vector,
+    recovery_rate: float,
+    recovery_velocity: Vector,
+) -> tuple[Vector, Vector, Vector]:
     """Where each joint stands: direction (n,) of the limit whose zone it is in (+1 upper, −1 lower, 0 none), s(q) (n,), floor (n,).
 
     `floor` is the velocity that a joint outside its limit must at least have towards the inside:
@@ -49,8 +61,18 @@ def zones(q, lower, lower_threshold, upper_threshold, upper, recovery_rate, reco
     return direction, softness, floor
 
 
-@kernel
-def restrict_active(white, weight, unconstrained, rows, values, active, softness, floor, epsilon):
+@compiled
+def restrict_active(
+    white: Matrix,
+    weight: Matrix,
+    unconstrained: Vector,
+    rows: Matrix,
+    values: Vector,
+    active: Flags,
+    softness: Vector,
+    floor: Vector,
+    epsilon: float,
+) -> tuple[Vector, Vector, bool]:
     """Hard rows plus the limits of the joints that `active` (n,) marks, enforced together: q̇ (n,), η (n,), damped."""
     k = rows.shape[0]
     n = unconstrained.shape[0]
@@ -82,8 +104,18 @@ def restrict_active(white, weight, unconstrained, rows, values, active, softness
     return dq, pull, damped
 
 
-@kernel
-def hold_limits(white, weight, unconstrained, rows, values, direction, softness, floor, epsilon):
+@compiled
+def hold_limits(
+    white: Matrix,
+    weight: Matrix,
+    unconstrained: Vector,
+    rows: Matrix,
+    values: Vector,
+    direction: Vector,
+    softness: Vector,
+    floor: Vector,
+    epsilon: float,
+) -> tuple[Vector, Flags, bool]:
     """The joint-limit rule base on top of hard rows: q̇ (n,), which joints it restricted (n,) bool, damped.
 
     A joint inside a zone that would move further towards its limit is slowed to s(q) times the rate that it would have without its own
@@ -100,18 +132,13 @@ def hold_limits(white, weight, unconstrained, rows, values, direction, softness,
     dq = unconstrained
     damped = False
     for step in range(_STEPS_AT_ONCE + 4 * n):
-        dq, pull, damped = restrict_active(
-            white, weight, unconstrained, rows, values, active, softness, floor, epsilon
-        )
+        dq, pull, damped = restrict_active(white, weight, unconstrained, rows, values, active, softness, floor, epsilon)
         changed = False
         for i in range(n):
             if direction[i] == 0.0:
                 continue
-            if active[i]:
-                change = direction[i] * pull[i] > _NOTHING
-            else:
-                change = direction[i] * (dq[i] - floor[i]) > _NOTHING
-            if change:
+            wrong = direction[i] * (pull[i] if active[i] else dq[i] - floor[i])
+            if wrong > _NOTHING:
                 active[i] = not active[i]
                 changed = True
                 if step >= _STEPS_AT_ONCE:
@@ -121,8 +148,17 @@ def hold_limits(white, weight, unconstrained, rows, values, direction, softness,
     return dq, active, damped
 
 
-@kernel
-def velocity_bounds(q, dq_previous, lower, upper, dq_max, ddq_max, recovery_rate, dt):
+@compiled
+def velocity_bounds(
+    q: Vector,
+    dq_previous: Vector,
+    lower: Vector,
+    upper: Vector,
+    dq_max: Vector,
+    ddq_max: Vector,
+    recovery_rate: float,
+    dt: float,
+) -> tuple[Vector, Vector]:
     """Position, velocity and acceleration limits (all (n,)) together as velocity bounds for the next cycle of length dt: lower, upper.
 
     Position enters as the speed from which the joint can still stop at its limit with ddq_max (braking distance), so no later cycle finds
@@ -150,8 +186,8 @@ def velocity_bounds(q, dq_previous, lower, upper, dq_max, ddq_max, recovery_rate
     return low, high
 
 
-@kernel
-def limit_velocity(dq, dq_max):
+@compiled
+def limit_velocity(dq: Vector, dq_max: Vector) -> tuple[Vector, bool]:
     """dq (n,) scaled as a whole so that no joint exceeds dq_max, and whether it had to be: a robot that slows down on its path."""
     worst = 1.0
     for i in range(dq.shape[0]):
@@ -159,8 +195,8 @@ def limit_velocity(dq, dq_max):
     return dq / worst, worst > 1.0
 
 
-@kernel
-def limit_acceleration(dq, dq_previous, ddq_max, dt):
+@compiled
+def limit_acceleration(dq: Vector, dq_previous: Vector, ddq_max: Vector, dt: float) -> tuple[Vector, bool]:
     """dq (n,) moved back towards dq_previous, along the straight line between them, until no joint accelerates by more than
     ddq_max; and whether it had to be."""
     worst = 1.0
@@ -171,8 +207,8 @@ def limit_acceleration(dq, dq_previous, ddq_max, dt):
     return dq_previous + (dq - dq_previous) / worst, True
 
 
-@kernel
-def acceleration_scale(dq, dq_previous, ddq_max, dt):
+@compiled
+def acceleration_scale(dq: Vector, dq_previous: Vector, ddq_max: Vector, dt: float) -> tuple[float, bool]:
     """The share of dq in [0, 1], nearest to 1, for which no joint accelerates by more than ddq_max, and whether there is one.
 
     Where there is none, the share that exceeds the limits least: the caller follows with `limit_acceleration` and leaves the path.
@@ -203,8 +239,8 @@ def acceleration_scale(dq, dq_previous, ddq_max, dt):
     return 0.5 * (low + high), False
 
 
-@kernel
-def _excess(share, dq, dq_previous, ddq_max):
+@compiled
+def _excess(share: float, dq: Vector, dq_previous: Vector, ddq_max: Vector) -> float:
     worst = 0.0
     for i in range(dq.shape[0]):
         worst = max(worst, abs(share * dq[i] - dq_previous[i]) / ddq_max[i])

@@ -39,37 +39,47 @@ def advance(pose: PlatformPose, distance: float, turn: float) -> PlatformPose:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """State: the last wheel angles (None before the first reading), the pose, the mean rate of the last period and its trend."""
+    """Wheel angles of the last reading (None before the first), pose then, mean rate of the period before it and its trend.
+
+    `missed`: periods since that reading; a lost frame costs accuracy, not the platform's pose.
+    """
 
     wheels: tuple[float, float] | None = None
     pose: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
     rate: PlatformRate = PlatformRate(0.0, 0.0)
     trend: PlatformRate = PlatformRate(0.0, 0.0)
+    missed: int = 0
+
+    def without_reading(self) -> Odometry:
+        """One period later, nothing heard."""
+        return replace(self, missed=self.missed + 1)
 
     def update(self, platform: PlatformParameters, left: float, right: float, period_s: float) -> Odometry:
-        """After new wheel angles (rad), one period later. `trend` is the low-passed change of the rate (per s)."""
+        """One period later, with new wheel angles (rad). `trend` is the low-passed change of the rate (per s)."""
         if self.wheels is None:
-            return replace(self, wheels=(left, right))
+            return replace(self, wheels=(left, right), missed=0)
         # The map from wheel rates to platform rates is linear: it maps wheel angles to arc and turn as well.
         distance, turn = platform_twist(platform, left - self.wheels[0], right - self.wheels[1])
-        rate = PlatformRate(distance / period_s, turn / period_s)
+        elapsed = (self.missed + 1) * period_s
+        rate = PlatformRate(distance / elapsed, turn / elapsed)
         trend = PlatformRate(
-            self.trend.v + _TREND_WEIGHT * ((rate.v - self.rate.v) / period_s - self.trend.v),
-            self.trend.omega + _TREND_WEIGHT * ((rate.omega - self.rate.omega) / period_s - self.trend.omega),
+            self.trend.v + _TREND_WEIGHT * ((rate.v - self.rate.v) / elapsed - self.trend.v),
+            self.trend.omega + _TREND_WEIGHT * ((rate.omega - self.rate.omega) / elapsed - self.trend.omega),
         )
         return Odometry((left, right), advance(self.pose, distance, turn), rate, trend)
 
-    def ahead(self, periods: int, period_s: float) -> tuple[PlatformPose, PlatformRate]:
-        """Pose after `periods` more periods and the mean rate of the last of them, extrapolated with the trend.
+    def ahead(self, periods: int, period_s: float) -> PlatformPose:
+        """Pose `periods` from now, extrapolated with rate and trend.
 
-        The measured rate is the mean of the period before the reading, hence the half period more.
+        The measured rate is the mean of the period before the reading, its middle half a period ago; the mean of the i-th period
+        ahead lies i periods after that.
         """
-        pose, rate = self.pose, self.rate
-        for i in range(1, periods + 1):
+        pose = self.pose
+        for i in range(1, periods + self.missed + 1):
             lead = i * period_s
-            rate = PlatformRate(self.rate.v + self.trend.v * lead, self.rate.omega + self.trend.omega * lead)
-            pose = advance(pose, rate.v * period_s, rate.omega * period_s)
-        return pose, rate
+            v, omega = self.rate.v + self.trend.v * lead, self.rate.omega + self.trend.omega * lead
+            pose = advance(pose, v * period_s, omega * period_s)
+        return pose
 
 
 _TREND_WEIGHT = 0.4

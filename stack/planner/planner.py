@@ -93,10 +93,14 @@ class Planner:
     ) -> tuple[PlannerState, PlannerOutputs]:
         """One arm cycle. The same arguments give the same result, bit for bit."""
         heard, measured = self._listen(state, inputs, parameters)
-        if inputs.mode is Mode.OFF or inputs.q is None or inputs.wheels is None:
+        if inputs.mode is Mode.OFF:
             return self._rest(heard, inputs, measured)
-        if heard.mode is not inputs.mode or heard.q_next is None:
-            heard = _begin(heard, inputs, inputs.q)
+        if heard.q_next is None:
+            if inputs.q is None or inputs.wheels is None:  # nowhere to begin from
+                return self._rest(heard, inputs, measured)
+            heard = replace(heard, q_next=inputs.q, dq=np.zeros(self.arm.n), commanded=heard.odometry.pose)
+        if heard.mode is not inputs.mode:
+            heard = _changed_mode(heard, inputs)
         if inputs.mode is Mode.PLATFORM_ONLY:
             return self._drive(heard, inputs, parameters, measured)
         return self._reach(heard, inputs, parameters, measured)
@@ -108,9 +112,12 @@ class Planner:
         odometry, drift = state.odometry, state.drift
         if inputs.wheels is not None:
             odometry = odometry.update(self.platform, *inputs.wheels, parameters.arm_period_s)
-        q = inputs.q if inputs.q is not None else self.arm.home
+        else:
+            odometry = odometry.without_reading()
+        q = inputs.q if inputs.q is not None else self.arm.home if state.q_next is None else state.q_next
         obeys = parameters.coordination is Coordination.UNIFIED and state.q_next is not None
-        T_OE = arm_in_odometry(*(state.commanded if obeys else odometry.pose), self.base, self.arm.pose(q))
+        pose = state.commanded if obeys else odometry.ahead(0, parameters.arm_period_s)
+        T_OE = arm_in_odometry(*pose, self.base, self.arm.pose(q))
         if inputs.q is not None:
             drift = drift.believing(inputs.t_ns, T_OE)
             if inputs.tracked is not None:
@@ -122,7 +129,6 @@ class Planner:
     ) -> tuple[PlannerState, PlannerOutputs]:
         """Nothing to command: set points follow the arm, so that enabling later starts where it is."""
         q = inputs.q if inputs.q is not None else self.arm.home
-        missing = inputs.q is None or inputs.wheels is None
         outputs = PlannerOutputs(
             q=q,
             dq=np.zeros(self.arm.n),
@@ -132,7 +138,7 @@ class Planner:
             T_RE=measured,
             arm=ArmCommand.holding(self.arm.n),
             platform=PlatformCommand(PlatformRate(0.0, 0.0)),
-            restrictions=Restriction.STALE_DRIVE if missing else Restriction.NONE,
+            restrictions=_staleness(inputs) & ~Restriction.STALE_TWIST,
             platform_cycle=False,
         )
         rested = PlannerState(state.drift, state.cycle, odometry=state.odometry, commanded=state.odometry.pose)
@@ -182,9 +188,8 @@ class Planner:
         due = _platform_cycle_due(state.cycle, parameters)
         platform = PlatformCommand(state.rate)
         if due:
-            pose_1, _ = state.odometry.ahead(1, period)
             cycle = period * parameters.arm_cycles_per_platform_cycle
-            rate = following(wanted, state.commanded, pose_1)
+            rate = following(wanted, state.commanded, state.odometry.ahead(1, period))
             platform = accelerated(rate, state.rate, parameters.limits, cycle)
         carried = arm_in_odometry(*commanded, self.base, self.arm.pose(state.q_next))
         return self._send(
@@ -233,10 +238,8 @@ class Planner:
         return self.arm.inverse_dynamics(q, yawing, yawing_rate, acceleration)
 
 
-def _begin(state: PlannerState, inputs: PlannerInputs, q: Vector) -> PlannerState:
-    """Take over from rest, or change the mode: set points go on from where they are, the command starts from zero."""
-    if state.q_next is None:
-        state = replace(state, q_next=q, dq=np.zeros(q.size), commanded=state.odometry.pose)
+def _changed_mode(state: PlannerState, inputs: PlannerInputs) -> PlannerState:
+    """Set points go on from where they are, the command starts from zero."""
     if Mode.PLATFORM_ONLY in (state.mode, inputs.mode):
         state = replace(state, commanded=state.odometry.pose, X_RE=None)
     return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter())
@@ -246,9 +249,7 @@ def _poses_ahead(state: PlannerState, period: float, *, obeys: bool) -> tuple[Pl
     """Platform poses at SYNC k + 1 and k + 2: measured and extrapolated, or as commanded to a platform that is taken to obey."""
     if obeys:
         return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
-    pose_1, _ = state.odometry.ahead(1, period)
-    pose_2, _ = state.odometry.ahead(2, period)
-    return pose_1, pose_2
+    return state.odometry.ahead(1, period), state.odometry.ahead(2, period)
 
 
 def _platform_cycle_due(cycle: int, parameters: PlannerParameters) -> bool:
@@ -256,7 +257,12 @@ def _platform_cycle_due(cycle: int, parameters: PlannerParameters) -> bool:
 
 
 def _staleness(inputs: PlannerInputs) -> Restriction:
-    return Restriction.STALE_TWIST if inputs.twist is None and inputs.mode is not Mode.HOLD else Restriction.NONE
+    stale = Restriction.NONE
+    if inputs.twist is None and inputs.mode is not Mode.HOLD:
+        stale |= Restriction.STALE_TWIST
+    if inputs.q is None or inputs.wheels is None:
+        stale |= Restriction.STALE_DRIVE
+    return stale
 
 
 __all__ = ["Planner", "PlannerInputs", "PlannerOutputs", "PlannerState", "Status"]

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Vector
+from stack.servo.compiled import compiled
 
 
-@kernel
-def preferred_velocity(q, preferred, heights, widths):
+@compiled
+def preferred_velocity(q: Vector, preferred: Vector, heights: Vector, widths: Vector) -> Vector:
     """z_i = a_i tanh((q_pref,i − q_i)/c_i), all (n,): towards `preferred` at no more than `heights` (rad/s, m/s), proportionally within
     about `widths` (rad, m). A height of 0 asks the joint to keep still as far as the task lets it (its weight in B then damps
     its transients). Where q is the preferred configuration z is 0, so an adjusting motion (ẋ = 0, z ≠ 0) ends by itself."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,7 +46,8 @@ class Status(IntEnum):
     velocity bounds as well as they can be kept. Stop, or drop the restriction that is named."""
 
 
-class Active(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Active:
     """One restriction that shaped the answer: row `index` of A, or the lower or upper bound of joint `index`."""
 
     kind: Literal["row", "lower", "upper"]
@@ -101,7 +102,7 @@ class Problem:
         epsilon: float = EPSILON,
         epsilon_restriction: float = EPSILON_RESTRICTION,
         exact: ArrayLike | None = None,
-        gamma: float = 1.0e3,
+        gamma: float = 1.0e6,
         task_weight: ArrayLike | None = None,
     ) -> None:
         jacobian = _array("J", J)
@@ -119,14 +120,18 @@ class Problem:
             "B": _weight(B, n, jacobian),
             "z": np.zeros(n) if z is None else _vector("z", z, n, jacobian),
             "A": rows,
-            "b": np.zeros(0) if b is None else _vector("b", np.atleast_1d(np.asarray(b, np.float64)), rows.shape[0], rows, "A"),
+            "b": np.zeros(0)
+            if b is None
+            else _vector("b", np.atleast_1d(np.asarray(b, np.float64)), rows.shape[0], rows, "A"),
             "lower": np.full(n, -np.inf) if lower is None else _bound("lower", lower, n, jacobian),
             "upper": np.full(n, np.inf) if upper is None else _bound("upper", upper, n, jacobian),
             "epsilon": _positive("epsilon", epsilon),
             "epsilon_restriction": _positive("epsilon_restriction", epsilon_restriction),
             "exact": np.ones(m, np.bool_) if exact is None else _mask("exact", exact, m, jacobian),
             "gamma": _positive("gamma", gamma),
-            "task_weight": np.full(m, 1.0e2) if task_weight is None else _vector("task_weight", task_weight, m, jacobian),
+            "task_weight": np.full(m, 1.0e2)
+            if task_weight is None
+            else _vector("task_weight", task_weight, m, jacobian),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -183,7 +188,9 @@ def _bound(name: str, value: ArrayLike, n: int, partner: Matrix) -> Vector:
     array = np.ascontiguousarray(value, dtype=np.float64)
     _fit(name, array, n, partner, "J")
     if np.isnan(array).any():
-        raise ValueError(f"{name}[{int(np.argwhere(np.isnan(array))[0, 0])}] is nan, it must be a number, or infinite for no bound")
+        raise ValueError(
+            f"{name}[{int(np.argwhere(np.isnan(array))[0, 0])}] is nan, it must be a number, or infinite for no bound"
+        )
     return array
 
 
@@ -211,7 +218,7 @@ def _weight(value: ArrayLike | None, n: int, jacobian: Matrix) -> Matrix:
             raise ValueError(f"B[{i}] is {array[i]}, every weight must be positive")
         return np.diag(array)
     if np.abs(array - array.T).max() > 1e-9 * np.abs(array).max():
-        i, j = np.unravel_index(int(np.abs(array - array.T).argmax()), array.shape)
+        i, j = divmod(int(np.abs(array - array.T).argmax()), n)
         raise ValueError(f"B is not symmetric: B[{i}, {j}] is {array[i, j]} but B[{j}, {i}] is {array[j, i]}")
     try:
         np.linalg.cholesky(array)

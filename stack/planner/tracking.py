@@ -9,11 +9,12 @@ import math
 
 import numpy as np
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Matrix, Vector
+from stack.servo.compiled import compiled
 
 
-@kernel
-def desired_in_arm(T_RO, x, y, heading, base, X_RE):
+@compiled
+def desired_in_arm(T_RO: Matrix, x: float, y: float, heading: float, base: Vector, X_RE: Matrix) -> Matrix:
     """T_AE (4, 4): the commanded TCP pose `X_RE` seen from the arm's base, which stands at `base` (3,) on a platform at
     (x, y, heading) of the odometry frame O; `T_RO` carries O into the reference frame R."""
     result = np.eye(4)
@@ -37,8 +38,8 @@ def desired_in_arm(T_RO, x, y, heading, base, X_RE):
     return result
 
 
-@kernel
-def arm_in_odometry(x, y, heading, base, T_AE):
+@compiled
+def arm_in_odometry(x: float, y: float, heading: float, base: Vector, T_AE: Matrix) -> Matrix:
     """T_OE (4, 4) of a TCP pose seen from the arm's base; the inverse of `desired_in_arm` for T_RO = identity."""
     result = np.eye(4)
     cosine, sine = math.cos(heading), math.sin(heading)
@@ -54,8 +55,8 @@ def arm_in_odometry(x, y, heading, base, T_AE):
     return result
 
 
-@kernel
-def body_twist(T_from, T_to):
+@compiled
+def body_twist(T_from: Matrix, T_to: Matrix) -> Vector:
     """log(T_from⁻¹ T_to) (6,): the constant twist, in the axes of `T_from`, that takes it to `T_to` in unit time.
 
     Accurate for turns up to a little below π; at π the axis comes from the largest diagonal element.
@@ -104,8 +105,8 @@ def body_twist(T_from, T_to):
     return result
 
 
-@kernel
-def moved(T, twist, dt):
+@compiled
+def moved(T: Matrix, twist: Vector, dt: float) -> Matrix:
     """T exp(twist·dt) (4, 4): after `dt` s at the body twist; re-orthonormalised, so that it may be repeated for hours."""
     w = twist[3:] * dt
     v = twist[:3] * dt
@@ -141,8 +142,8 @@ def moved(T, twist, dt):
     return result
 
 
-@kernel
-def _orthonormalise(T):
+@compiled
+def _orthonormalise(T: Matrix) -> None:
     """Gram-Schmidt on the columns of the rotation, in place."""
     for j in range(3):
         for i in range(j):

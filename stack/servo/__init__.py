@@ -1,5 +1,6 @@
 """Servo law of the drives: interpolation of cyclic set points, limits, position-velocity-torque cascade."""
 
+from stack.servo.gains import load_servo_parameters
 from stack.servo.limiter import (
     LIMITED_ACCELERATION,
     LIMITED_POSITION,
@@ -22,4 +23,5 @@ __all__ = [
     "Servo",
     "ServoParameters",
     "ServoState",
+    "load_servo_parameters",
 ]

@@ -1,7 +1,7 @@
 """The servo law of all axes in one compiled call: set point, limits, position, velocity and torque loop.
 
     set point   p*, v*   from the cyclic targets (interpolation.py), limited (limiter.py)
-    position    v_c = k_ff v* + k_p (p* - p)
+    position    v_c = k_ff v* + k_p (p* - p)       all three at the start of the tick, when the encoder was read
     velocity    e   = v_c - v,   integral += k_i e dt   (frozen while the torque saturates in its direction)
     torque      tau = k_v e + integral + offset,  clamped
 
@@ -171,25 +171,35 @@ def advance_set_point(state: Matrix, parameters: Matrix, axis: int, mode: int, p
 
 @compiled
 def torque_loop(
-    state: Matrix, parameters: Matrix, axis: int, mode: int, position: float, velocity: float, dt_s: float
+    state: Matrix,
+    parameters: Matrix,
+    axis: int,
+    mode: int,
+    position_error: float,
+    velocity_before: float,
+    velocity: float,
+    dt_s: float,
 ) -> tuple[float, int]:
-    """Torque of one axis from its advanced set point (its velocity, with `outputs_velocity`), and flag bits."""
+    """Torque of one axis (its velocity, with `outputs_velocity`) for the tick that its set point has advanced over.
+
+    `position_error` and `velocity_before` are the set point's at the start of the tick. Returns the flag bits too.
+    """
     flags = 0
-    command = state[SET_VELOCITY, axis]
     ceiling = parameters[VELOCITY_LIMIT, axis]
-    if mode != _VELOCITY:
-        command *= parameters[VELOCITY_FEED_FORWARD, axis]
-        command += parameters[POSITION_GAIN, axis] * (state[SET_POINT, axis] - position)
+    correction = parameters[POSITION_GAIN, axis] * position_error if mode != _VELOCITY else 0.0
     if parameters[OUTPUTS_VELOCITY, axis] != 0.0:
-        if mode == _STOP:
-            command = state[SET_VELOCITY, axis]
+        command = state[SET_VELOCITY, axis] + (correction if mode == _POSITION else 0.0)
         command, limited = clamp(command, -ceiling, ceiling)
         return command, LIMITED_VELOCITY if limited else 0
+    # SET_VELOCITY is the mean over a tick, hence the velocity at a tick's start is the mean of two of them.
+    share = parameters[VELOCITY_FEED_FORWARD, axis] if mode != _VELOCITY else 1.0
+    command = share * 0.5 * (velocity_before + state[SET_VELOCITY, axis]) + correction
     command, limited = clamp(command, -1.5 * ceiling, 1.5 * ceiling)  # room for the position loop
     if limited:
         flags |= LIMITED_VELOCITY
     error = command - velocity
-    offset = linear(state[OFFSET_START, axis], state[OFFSET_END, axis], state[ELAPSED_S, axis], state[PERIOD_S, axis])
+    middle = state[ELAPSED_S, axis] - 0.5 * dt_s
+    offset = linear(state[OFFSET_START, axis], state[OFFSET_END, axis], middle, state[PERIOD_S, axis])
     limit = parameters[TORQUE_LIMIT, axis]
     before = state[INTEGRAL, axis]
     bound = parameters[INTEGRAL_LIMIT, axis]
@@ -258,6 +268,8 @@ def tick_all(
             follow(state, axis, _TORQUE, position[axis], velocity[axis], dt_s)
             output[axis], flags[axis] = free_torque(state, parameters, axis, velocity[axis])
         else:
+            error = state[SET_POINT, axis] - position[axis]
+            before = state[SET_VELOCITY, axis]
             bits = advance_set_point(state, parameters, axis, mode[axis], position[axis], dt_s)
-            torque, more = torque_loop(state, parameters, axis, mode[axis], position[axis], velocity[axis], dt_s)
+            torque, more = torque_loop(state, parameters, axis, mode[axis], error, before, velocity[axis], dt_s)
             output[axis], flags[axis] = torque, bits | more

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from stack.planner.problem import Active, Problem, Solution, Status, Vector
-from stack.planner.resolvers.path_scale import path_and_null_scale
+from stack.planner.resolvers.path_scale import into_bounds, path_and_null_scale
 
 Response = Callable[[Vector, Vector, Vector], tuple[Vector, Vector, bool]]
 """(ẋ, z, b) -> (q̇, q̇_u, whether the restrictions had to be damped); linear in its arguments taken together."""
@@ -28,9 +28,29 @@ def answer(problem: Problem, sigma: Vector, respond: Response) -> Solution:
         null = respond(np.zeros_like(p.xdot), p.z, zero)[0]
         fixed = dq - path - null
         scale, null_scale, worst, shortfall = path_and_null_scale(fixed, path, null, p.lower, p.upper)
-        dq = fixed + scale * path + null_scale * null
-        dq = within(dq, p.lower, p.upper)
-    return describe(p, sigma, dq, unconstrained, scale, null_scale, bool(met(gave_way, dq)), _bound_words(worst, shortfall))
+        if shortfall > 0.0:
+            return _leave_path(p, sigma, dq, unconstrained, worst, shortfall)
+        dq = within(fixed + scale * path + null_scale * null, p.lower, p.upper)
+    return describe(p, sigma, dq, unconstrained, scale, null_scale, met(gave_way, dq))
+
+
+def _leave_path(
+    p: Problem, sigma: Vector, dq: Vector, unconstrained: Vector, half_plane: int, shortfall: float
+) -> Solution:
+    """No share of the motion keeps the bounds (one of them excludes standstill, say): they hold, the task gives way."""
+    dq = into_bounds(dq, p.lower, p.upper)
+    twist = p.J @ dq
+    size = float(p.xdot @ p.xdot)
+    scale = min(max(float(twist @ p.xdot) / size, 0.0), 1.0) if size > 0.0 else 1.0
+    bound = Active("upper" if half_plane % 2 else "lower", half_plane // 2)
+    words = f"the {bound} cannot be kept by slowing down, by {shortfall:.3g}"
+    return describe(p, sigma, dq, unconstrained, scale, 0.0, False, crossing(p.lower, p.upper), words)
+
+
+def crossing(lower: Vector, upper: Vector) -> str:
+    """Words for the joint whose bounds cross the most, empty where none do."""
+    i = int((lower - upper).argmax())
+    return f"the bounds of joint {i} cross by {lower[i] - upper[i]:.3g}" if lower[i] > upper[i] else ""
 
 
 def within(dq: Vector, lower: Vector, upper: Vector) -> Vector:
@@ -54,9 +74,10 @@ def describe(
     scale: float,
     null_scale: float,
     task_kept: bool,
-    infeasible: str,
+    infeasible: str = "",
+    why: str = "",
 ) -> Solution:
-    """The Solution for a given q̇: which restrictions shaped it, the status and the message."""
+    """The Solution for a given q̇: which restrictions shaped it, the status and the message; `why` and `infeasible` are words for it."""
     p = problem
     task_error = p.J @ dq - scale * p.xdot
     row_error = p.A @ dq - p.b
@@ -64,7 +85,7 @@ def describe(
     shaped = scale < 1.0 or null_scale < 1.0 or not np.array_equal(dq, unconstrained)
     bounds = _at_bounds(p, dq) if shaped and p.bounded else ()
     active = rows + bounds
-    words: list[str] = []
+    words = [why] if why else []
     status = Status.OK
     if active or scale < 1.0:
         status = Status.CONSTRAINED
@@ -105,10 +126,3 @@ def _at_bounds(p: Problem, dq: Vector) -> tuple[Active, ...]:
     low = [Active("lower", int(i)) for i in np.flatnonzero(dq <= p.lower + near)]
     high = [Active("upper", int(i)) for i in np.flatnonzero(dq >= p.upper - near)]
     return tuple(low + high)
-
-
-def _bound_words(half_plane: int, shortfall: float) -> str:
-    if shortfall <= 0.0:
-        return ""
-    bound = Active("upper" if half_plane % 2 else "lower", half_plane // 2)
-    return f"the {bound} cannot be kept by slowing down: missed by {shortfall:.3g}"

@@ -12,20 +12,21 @@ import math
 
 import numpy as np
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Matrix, Vector
+from stack.servo.compiled import compiled
 
 _SWEEPS = 40
 _ORTHOGONAL = 1e-15
 
 
-@kernel
-def prop(sigma, epsilon):
+@compiled
+def prop(sigma: float, epsilon: float) -> float:
     """σ̃ = (σ² + ε²)/2ε below ε, σ above (2.139): continuous with its derivative, never below ε/2."""
     return sigma if sigma >= epsilon else (sigma * sigma + epsilon * epsilon) / (2.0 * epsilon)
 
 
-@kernel
-def _reflect(rows, k, m, n, reflector):
+@compiled
+def _reflect(rows: Matrix, k: int, m: int, n: int, reflector: Vector) -> float:
     """Householder step k on the rows of `rows` below k; returns the scalar 2/vᵀv with v in reflector[k:]."""
     norm = 0.0
     for j in range(k, n):
@@ -54,8 +55,8 @@ def _reflect(rows, k, m, n, reflector):
     return scale
 
 
-@kernel
-def orthogonalise(x, w):
+@compiled
+def orthogonalise(x: Matrix, w: Matrix) -> None:
     """Rotate the rows of x until they are orthogonal to each other; the rows of the square w take the same rotations."""
     m, width = x.shape
     for _sweep in range(_SWEEPS):
@@ -94,8 +95,8 @@ def orthogonalise(x, w):
             break
 
 
-@kernel
-def _complete(u, i, m):
+@compiled
+def _complete(u: Matrix, i: int, m: int) -> None:
     """Fill column i of u with a unit vector orthogonal to columns 0..i-1 (for a singular value of exactly zero)."""
     best = 0.0
     for trial in range(m):
@@ -118,8 +119,8 @@ def _complete(u, i, m):
                 u[j, i] = candidate[j] / norm
 
 
-@kernel
-def decompose(jacobian):
+@compiled
+def decompose(jacobian: Matrix) -> tuple[Matrix, Vector, Matrix]:
     """U (m, m), σ (m,) descending, Vt (n, n) of the full SVD `J = U [diag σ, 0] Vt`, m ≤ n. Finite for every finite J."""
     m, n = jacobian.shape
     rows = jacobian.copy()

@@ -6,20 +6,21 @@ import math
 
 import numpy as np
 
+from stack.planner.limits import Flags
 from stack.planner.problem import EPSILON, Matrix, Vector
-from stack.planner.resolvers._compile import kernel
 from stack.planner.resolvers.decomposition import decompose
-from stack.planner.resolvers.nullspace import particular, split, whiten
-from stack.planner.resolvers.step import Step, _with_singularity, step_in_null_space
+from stack.planner.resolvers.nullspace import particular, whiten
+from stack.planner.resolvers.step import Step, step_in_null_space, with_singularity
+from stack.servo.compiled import compiled
 
 
-@kernel
-def extended_base(u, sigma, vt, columns, epsilon):
+@compiled
+def extended_base(u: Matrix, sigma: Vector, vt: Matrix, columns: Matrix, epsilon: float) -> Matrix:
     """Orthonormal null-space base (n − m + 2, n + 2), as rows, of `[J | j_v | j_ω]`, from the SVD of J (m, n); columns (m, 2).
 
-    With a = J⁺ j_v, b = J⁺ j_ω: `[N, 0]`, `(−a, 1, 0)` and `(−(b + β a), β, 1)`, normalised, β = −a·b/(1 + a·a). Where J has a singular value
-    below ε its propped inverse is used: the rows stay finite and orthonormal, but the extended matrix maps the last two
-    to a small twist instead of zero.
+    With a = J⁺ j_v, b = J⁺ j_ω: `[N, 0]`, `(−a, 1, 0)` and `(−(b + β a), β, 1)`, normalised, β = −a·b/(1 + a·a).
+    Where J has a singular value below ε its propped inverse is used: the rows stay finite and orthonormal, but the extended matrix
+    maps the last two to a small twist instead of zero.
     """
     m = sigma.shape[0]
     n = vt.shape[1]
@@ -48,8 +49,10 @@ def extended_base(u, sigma, vt, columns, epsilon):
     return base
 
 
-@kernel
-def extended_split(arm_jacobian, columns, xdot, weight, z, epsilon):
+@compiled
+def extended_split(
+    arm_jacobian: Matrix, columns: Matrix, xdot: Vector, weight: Matrix, z: Vector, epsilon: float
+) -> tuple[Matrix, Vector, Matrix, Vector, bool]:
     """(J_ext, q̇_p, P, σ of the arm, propped) of the whole robot: from the arm's SVD where the arm is regular, `[J⁺ẋ, 0, 0]` being the
     particular solution; from an SVD of the extended matrix where the arm is singular, so that the platform can stand in for it.
     Both agree at the threshold, where neither is damped."""
@@ -68,15 +71,26 @@ def extended_split(arm_jacobian, columns, xdot, weight, z, epsilon):
     return jacobian, dq_particular, whiten(vt_ext[m:], weight), sigma, propped
 
 
-@kernel
+@compiled
 def _extended_step(
-    arm_jacobian, columns, xdot, q, z, weight, table, rows, values, epsilon, epsilon_restriction, recovery_rate
-):
+    arm_jacobian: Matrix,
+    columns: Matrix,
+    xdot: Vector,
+    q: Vector,
+    z: Vector,
+    weight: Matrix,
+    table: Matrix,
+    rows: Matrix,
+    values: Vector,
+    epsilon: float,
+    epsilon_restriction: float,
+    recovery_rate: float,
+) -> tuple[Vector, Vector, Vector, Flags, float, float, int, int]:
     jacobian, dq_particular, white, sigma, propped = extended_split(arm_jacobian, columns, xdot, weight, z, epsilon)
     dq, first, limited, scale, null_scale, status, bound = step_in_null_space(
         jacobian, dq_particular, white, weight, z, q, table, rows, values, epsilon_restriction, recovery_rate
     )
-    return dq, first, sigma, limited, scale, null_scale, _with_singularity(status, propped), bound
+    return dq, first, sigma, limited, scale, null_scale, with_singularity(status, propped), bound
 
 
 def extended_step(
@@ -95,9 +109,9 @@ def extended_step(
 ) -> Step:
     """Velocities `[q̇; v; ω]` (n + 2,) of one platform cycle. No checks; arrays as in `arm_step`, of width n + 2.
 
-    arm_jacobian (m, n), columns (m, 2): j_v and j_ω in the same frame; q (n + 2,): joint positions, the last two anything finite (their limits
-    in `table` are infinite); z (n + 2,): preferred velocities. `Step.sigma` is that of the arm alone. For a platform on a fixed path,
-    take `arm_step` on `[J_arm | j_s]` instead.
+    arm_jacobian (m, n), columns (m, 2): j_v and j_ω in the same frame; q (n + 2,): joint positions, the last two anything finite
+    (their limits in `table` are infinite); z (n + 2,): preferred velocities. `Step.sigma` is that of the
+    arm alone. For a platform on a fixed path, take `arm_step` on `[J_arm | j_s]` instead.
     """
     return Step(
         *_extended_step(

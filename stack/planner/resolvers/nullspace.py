@@ -10,14 +10,15 @@ import math
 
 import numpy as np
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Matrix, Vector
 from stack.planner.resolvers.decomposition import orthogonalise, prop
+from stack.servo.compiled import compiled
 
 _DEPENDENT = 1e-9
 
 
-@kernel
-def particular(u, sigma, vt, xdot, epsilon):
+@compiled
+def particular(u: Matrix, sigma: Vector, vt: Matrix, xdot: Vector, epsilon: float) -> tuple[Vector, bool]:
     """q̇_p = J⁺ẋ (n,) with singular values propped below ε (2.139), and whether any was."""
     m = sigma.shape[0]
     n = vt.shape[1]
@@ -34,8 +35,8 @@ def particular(u, sigma, vt, xdot, epsilon):
     return result, propped
 
 
-@kernel
-def cholesky(matrix):
+@compiled
+def cholesky(matrix: Matrix) -> Matrix:
     """Lower factor L of a symmetric positive definite matrix."""
     n = matrix.shape[0]
     lower = np.zeros((n, n))
@@ -48,8 +49,8 @@ def cholesky(matrix):
     return lower
 
 
-@kernel
-def whiten(base, weight):
+@compiled
+def whiten(base: Matrix, weight: Matrix) -> Matrix:
     """P (r, n) = L⁻¹ Nᵀ with LLᵀ = Nᵀ B N; `base` (r, n) holds the null-space base N as rows."""
     r, n = base.shape
     weighted = np.zeros((r, n))
@@ -77,8 +78,8 @@ def whiten(base, weight):
     return result
 
 
-@kernel
-def split(white, weight, dq_particular, z):
+@compiled
+def split(white: Matrix, weight: Matrix, dq_particular: Vector, z: Vector) -> Vector:
     """q̇_u = q̇_p + PᵀP B (z − q̇_p): the unconstrained optimum, known before any restriction is looked at."""
     r, n = white.shape
     pull = np.zeros(n)
@@ -96,8 +97,8 @@ def split(white, weight, dq_particular, z):
     return result
 
 
-@kernel
-def _row_lengths(rows, weight):
+@compiled
+def _row_lengths(rows: Matrix, weight: Matrix) -> Vector:
     """√(a B⁻¹ aᵀ) of every row: its restriction's mobility if there were no task, 1 for a zero row."""
     k, n = rows.shape
     lower = cholesky(weight)
@@ -116,8 +117,8 @@ def _row_lengths(rows, weight):
     return lengths
 
 
-@kernel
-def _soft_targets(rotation, values, softness, residual):
+@compiled
+def _soft_targets(rotation: Matrix, values: Vector, softness: Vector, residual: Vector) -> tuple[Vector, Vector]:
     """Row values that a soft restriction aims at, relative to its floor: each scales down the rate that its row would have if only the
     others held. (M̃ (1 − s) + diag(s M̃_jj)) η = −residual, target = −s_j M̃_jj η_j; hard rows (s = 0) aim at 0."""
     k = softness.shape[0]
@@ -154,8 +155,8 @@ def _soft_targets(rotation, values, softness, residual):
     return -softness * diagonal * eta, eta
 
 
-@kernel
-def _overwrite(dq, rows, target):
+@compiled
+def _overwrite(dq: Vector, rows: Matrix, target: Vector) -> None:
     """Move dq by the shortest way to where `rows·dq = target` (for rows that are single joints: overwrite those joints)."""
     k, n = rows.shape
     x = rows.copy()
@@ -179,8 +180,16 @@ def _overwrite(dq, rows, target):
                     dq[j] += dot * x[i, j]
 
 
-@kernel
-def restrict(white, weight, dq_unconstrained, rows, floor, softness, epsilon):
+@compiled
+def restrict(
+    white: Matrix,
+    weight: Matrix,
+    dq_unconstrained: Vector,
+    rows: Matrix,
+    floor: Vector,
+    softness: Vector,
+    epsilon: float,
+) -> tuple[Vector, Vector, bool]:
     """Correct q̇_u so that `rows·q̇` meets its targets: `floor` (k,) for hard rows (softness 0), and
     `floor + s (rate without this row − floor)` for soft ones (softness s in (0, 1]).
 

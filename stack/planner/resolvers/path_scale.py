@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from stack.planner.resolvers._compile import kernel
+from stack.messages import Vector
+from stack.servo.compiled import compiled
 
 NULL_COST = 0.01
 """What giving up preferred motion costs, relative to slowing down: small, so that the null-space part goes first."""
@@ -14,8 +15,10 @@ NULL_COST = 0.01
 _SLACK = 1e-12
 
 
-@kernel
-def path_and_null_scale(fixed, path, null, lower, upper):
+@compiled
+def path_and_null_scale(
+    fixed: Vector, path: Vector, null: Vector, lower: Vector, upper: Vector
+) -> tuple[float, float, int, float]:
     """(s, τ) in [0, 1]² that minimises (1 − s)² + NULL_COST (1 − τ)² under lower ≤ fixed + s·path + τ·null ≤ upper.
 
     The optimum of a strictly convex problem, so it is unique and moves without jumps as the arguments do; exact, by adding one
@@ -73,8 +76,33 @@ def path_and_null_scale(fixed, path, null, lower, upper):
     return min(max(s, 0.0), 1.0), min(max(y / root, 0.0), 1.0), last, 0.0
 
 
-@kernel
-def _shortfall(fixed, lower, upper):
+@compiled
+def into_bounds(dq: Vector, lower: Vector, upper: Vector) -> Vector:
+    """dq (n,) moved straight towards the middle of its bounds until it keeps them all: for ± bounds that slows every joint alike,
+    for bounds around the last velocity (acceleration) it changes all joints in step. Infinite bounds stay out of it;
+    where lower > upper the joint goes to the middle."""
+    n = dq.shape[0]
+    middle = dq.copy()
+    share = 1.0
+    for i in range(n):
+        if lower[i] > -np.inf and upper[i] < np.inf:
+            middle[i] = 0.5 * (lower[i] + upper[i])
+        else:
+            middle[i] = min(max(dq[i], lower[i]), upper[i])
+        room = max(0.5 * (upper[i] - lower[i]), 0.0)
+        away = abs(dq[i] - middle[i])
+        if middle[i] != dq[i] and away > room and room < np.inf:
+            share = min(share, room / away)
+    result = np.empty(n)
+    for i in range(n):
+        result[i] = middle[i] + share * (dq[i] - middle[i])
+        if lower[i] <= upper[i]:
+            result[i] = min(max(result[i], lower[i]), upper[i])
+    return result
+
+
+@compiled
+def _shortfall(fixed: Vector, lower: Vector, upper: Vector) -> float:
     """By how much the motion that cannot be scaled leaves the bounds, at the worst joint; at least a rounding error."""
     worst = 1e-300
     for i in range(fixed.shape[0]):

@@ -6,14 +6,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stack.planner.problem import Matrix, Problem, Solution, Vector
-from stack.planner.resolvers._compile import kernel
 from stack.planner.resolvers.answer import answer
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.nullspace import particular, restrict, split, whiten
+from stack.servo.compiled import compiled
 
 
-@kernel
-def pns_respond(u, sigma, vt, white, weight, xdot, z, rows, values, epsilon, epsilon_restriction):
+@compiled
+def pns_respond(
+    u: Matrix,
+    sigma: Vector,
+    vt: Matrix,
+    white: Matrix,
+    weight: Matrix,
+    xdot: Vector,
+    z: Vector,
+    rows: Matrix,
+    values: Vector,
+    epsilon: float,
+    epsilon_restriction: float,
+) -> tuple[Vector, Vector, bool, bool]:
     """q̇, q̇_u (n,), propped, damped from the SVD and the whitened base; linear in (ẋ, z, values). Arrays are taken as they are."""
     dq_particular, propped = particular(u, sigma, vt, xdot, epsilon)
     unconstrained = split(white, weight, dq_particular, z)
@@ -24,8 +36,17 @@ def pns_respond(u, sigma, vt, white, weight, xdot, z, rows, values, epsilon, eps
     return dq, unconstrained, propped, damped
 
 
-@kernel
-def pns(jacobian, xdot, weight, z, rows, values, epsilon, epsilon_restriction):
+@compiled
+def pns(
+    jacobian: Matrix,
+    xdot: Vector,
+    weight: Matrix,
+    z: Vector,
+    rows: Matrix,
+    values: Vector,
+    epsilon: float,
+    epsilon_restriction: float,
+) -> tuple[Vector, Vector, Vector, bool, bool]:
     """The whole method without any check: q̇, q̇_u (n,), σ (m,), propped, damped.
 
     All arguments float64 and C-contiguous: J (m, n), ẋ (m,), B (n, n), z (n,), A (k, n), b (k,), k may be 0.

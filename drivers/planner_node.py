@@ -1,0 +1,246 @@
+"""The local planner on the bus: SYNC producer, NMT and drive master, one planner step per SYNC.
+
+A cycle: SYNC k goes out, ten drives answer, the planner computes as soon as all have (or at the deadline, with what is there), its set
+points are on the wire before SYNC k + 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.bus.base import Bus
+from drivers.canopen.nmt import ERROR_CONTROL_BASE, NMT_CAN_ID, NmtCommand, NmtState
+from drivers.canopen.node import CanopenNode, NodeApplication
+from drivers.cia402.configuration import DriveSettings
+from drivers.cia402.master import DriveMaster
+from drivers.cia402.phases import DriveEvent, MasterPhase
+from drivers.clock import Clock, Timer
+from drivers.codec import MISSION, PLANNER_STATE, REFERENCE, TRACKED_POSE, TWIST, ReferencePose
+from drivers.frame import Frame
+from drivers.objects import DeviceDef
+from drivers.planner_objects import PlannerObjects
+from drivers.publisher import Publisher, receive
+from stack.kinematics.se3 import rotation_log
+from stack.messages import Mode, PlannerPhase, PlannerState as StateMessage
+from stack.planner.drift import DriftEstimate
+from stack.planner.parameters import PlannerParameters
+from stack.planner.planner import Planner, PlannerInputs, PlannerOutputs, PlannerState
+
+WHEELS = 2
+MISSION_TIMEOUT_NS = 150_000_000
+STANDSTILL = 2e-3
+"""Joint velocity (rad/s, m/s) and platform rate below which the robot counts as at rest when it is to be switched off."""
+_STOP_LIMIT_NS = 3_000_000_000
+
+OnEvent = Callable[[str, str], None]
+"""(level, text) with level info, warning or error."""
+
+
+class PlannerNode(NodeApplication):
+    """Node 2. `drives`: the ten drives in node order, wheels first. `others`: further nodes that it starts by NMT.
+
+    `stopwatch` (ns) is only used to fill `cycle_ns`, the time that each step took; nothing depends on it.
+    """
+
+    def __init__(
+        self,
+        device: DeviceDef,
+        drives: Sequence[DeviceDef],
+        others: Sequence[int],
+        clock: Clock,
+        bus: Bus,
+        planner: Planner,
+        parameters: PlannerParameters,
+        on_event: OnEvent,
+        stopwatch: Callable[[], int] | None = None,
+    ) -> None:
+        self.node = CanopenNode(device, clock, bus, self)
+        self.cycle_ns: list[int] = []
+        self.cycles = 0
+        self.platform_cycles = 0
+        self.incomplete_cycles = 0
+        self.phase = PlannerPhase.BOOT
+        self.outputs: PlannerOutputs | None = None
+        self._clock = clock
+        self._planner = planner
+        self._on_event = on_event
+        self._stopwatch = stopwatch
+        self._state = PlannerState(DriftEstimate())
+        self._objects = PlannerObjects(self.node, parameters, lambda: self)
+        self._period_ns = parameters.arm_period_ns
+        self._stopping_since_ns: int | None = None
+        self._sync_ns = 0
+        self._sync_count = 0
+        self._answered = 0
+        self._deadline: Timer | None = None
+        settings = DriveSettings(sync_period_ns=self._period_ns)
+        self.master = DriveMaster(drives, self.node.line.send, clock, settings, on_event=self._on_drive_event)
+        self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
+        for can_id in sorted(self.master.can_ids):
+            self.node.subscribe(can_id, self._on_answer if can_id in self._feedback_ids else self.master.on_frame)
+        self._twist = receive(self.node, TWIST)
+        self._mission = receive(self.node, MISSION)
+        self._tracked = receive(self.node, TRACKED_POSE)
+        self._state_out = Publisher(self.node, PLANNER_STATE)
+        self._reference_out = Publisher(self.node, REFERENCE)
+        for node_id in others:
+            self.node.subscribe(ERROR_CONTROL_BASE + node_id, self._on_other_heartbeat)
+
+    def power_on(self) -> None:
+        """Boots, begins to send SYNC and to look for its drives."""
+        self.node.power_on()
+        self.node.dictionary.entry(0x1006).store(self._period_ns // 1000)
+        self.node.start()
+        self.master.start()
+
+    def on_reset(self, whole: bool) -> None:
+        if whole:
+            self._objects.restore()
+
+    def on_sync(self, counter: int | None) -> None:
+        """The node's own SYNC was given to the bus."""
+        if self._deadline is not None:
+            self._compute(complete=False)
+        self._sync_ns = self._clock.now_ns()
+        self._sync_count = (self._sync_count + 1) & 0xFFFF
+        self._answered = 0
+        self.master.on_sync()
+        self._deadline = self._clock.call_at(self._sync_ns + self._period_ns * 6 // 10, self._on_deadline)
+
+    def _on_answer(self, frame: Frame) -> None:
+        self.master.on_frame(frame)
+        self._answered += 1
+        if self._answered == len(self.master.axes) and self._deadline is not None:
+            self._compute(complete=True)
+
+    def _on_deadline(self) -> None:
+        self._compute(complete=False)
+
+    def _on_other_heartbeat(self, frame: Frame) -> None:
+        """A node that serves the stack has booted, or was found waiting: start it."""
+        waiting = (0, NmtState.PRE_OPERATIONAL)
+        if len(frame.data) == 1 and frame.data[0] in waiting and self.node.nmt.operational:
+            self.node.line.send(NMT_CAN_ID, bytes((NmtCommand.START, frame.can_id - ERROR_CONTROL_BASE)))
+
+    def _compute(self, *, complete: bool) -> None:
+        """One planner step and everything that it sends."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+        if not self.node.nmt.operational:
+            return
+        begin = self._stopwatch() if self._stopwatch is not None else 0
+        self.cycles += 1
+        self.incomplete_cycles += not complete and self.phase >= PlannerPhase.READY
+        parameters = self._objects.parameters
+        self._state, outputs = self._planner.step(self._state, self._inputs(parameters), parameters)
+        self.outputs = outputs
+        self.platform_cycles += outputs.platform_cycle
+        self._send(outputs)
+        if self._stopwatch is not None:
+            self.cycle_ns.append(self._stopwatch() - begin)
+
+    def _inputs(self, parameters: PlannerParameters) -> PlannerInputs:
+        """What this cycle has: positions of this SYNC only, twist while it is fresh, a tracked pose once."""
+        axes = self.master.axes
+        wheels = axes[:WHEELS]
+        joints = axes[WHEELS:]
+        fresh = all(axis.statusword is not None and axis.received_ns >= self._sync_ns for axis in joints)
+        rolling = all(axis.statusword is not None and axis.received_ns >= self._sync_ns for axis in wheels)
+        twist = self._twist.fresh(parameters.twist_timeout_ns)
+        return PlannerInputs(
+            t_ns=self._sync_ns,
+            mode=self._mode(),
+            q=np.array([axis.position_raw * axis.position_scale for axis in joints]) if fresh else None,
+            wheels=(
+                (wheels[0].position_raw * wheels[0].position_scale, wheels[1].position_raw * wheels[1].position_scale)
+                if rolling
+                else None
+            ),
+            twist=None if twist is None else twist.twist,
+            tracked=self._aged(),
+        )
+
+    def _aged(self):  # type: ignore[no-untyped-def]
+        """A tracked pose that came since the last cycle; its age is counted to this cycle's SYNC."""
+        tracked = self._tracked.take()
+        if tracked is None:
+            return None
+        return replace(tracked, age_ns=tracked.age_ns + self._sync_ns - self._tracked.received_ns)
+
+    def _mode(self) -> Mode:
+        """The mode that the mission asks for, as far as the drives allow it; runs the phases on the way."""
+        mission = self._mission.fresh(MISSION_TIMEOUT_NS)
+        wanted = Mode.OFF if mission is None else mission.mode
+        phase = self._next_phase(wanted, lost=mission is None)
+        if phase is not self.phase:
+            self._on_event("error" if phase is PlannerPhase.FAULT else "info", f"{self.phase.name} → {phase.name}")
+            self.phase = phase
+        if phase is PlannerPhase.EXECUTING:
+            return wanted
+        return Mode.HOLD if phase in (PlannerPhase.IDLE, PlannerPhase.STOPPING) else Mode.OFF
+
+    def _next_phase(self, wanted: Mode, *, lost: bool) -> PlannerPhase:
+        master = self.master.phase
+        if master in (MasterPhase.ENABLED,):
+            if self.phase is PlannerPhase.STOPPING:
+                return self._stopped_yet(wanted)
+            if wanted is Mode.OFF:
+                self._stopping_since_ns = self._sync_ns
+                if lost:
+                    self._on_event("warning", "the strategic node has fallen silent: stops and switches off")
+                return PlannerPhase.STOPPING
+            return PlannerPhase.IDLE if wanted is Mode.HOLD else PlannerPhase.EXECUTING
+        if master is MasterPhase.READY and wanted is not Mode.OFF and self.phase is not PlannerPhase.FAULT:
+            self.master.enable()
+            return PlannerPhase.ENABLING
+        return _PHASE_OF[master]
+
+    def _stopped_yet(self, wanted: Mode) -> PlannerPhase:
+        """At rest (or out of patience): torque off."""
+        assert self._stopping_since_ns is not None
+        outputs = self.outputs
+        moving = outputs is not None and (
+            float(np.abs(outputs.dq).max()) > STANDSTILL or max(map(abs, outputs.platform.rate)) > STANDSTILL
+        )
+        if moving and self._sync_ns - self._stopping_since_ns < _STOP_LIMIT_NS:
+            return PlannerPhase.STOPPING
+        self.master.disable()
+        return PlannerPhase.READY
+
+    def _send(self, outputs: PlannerOutputs) -> None:
+        targets = np.concatenate((outputs.wheels, outputs.q))
+        self.master.send_targets(targets, np.concatenate((np.zeros(WHEELS), outputs.effort)))
+        counter = self._sync_count & 0xFF
+        self._state_out.publish(
+            StateMessage(self.phase, int(outputs.arm.status), outputs.restrictions, outputs.arm.scale, counter)
+        )
+        pose = outputs.X_RE if outputs.X_RE is not None else outputs.T_RE
+        self._reference_out.publish(
+            ReferencePose(
+                pose[:3, 3], rotation_log(pose[:3, :3]), outputs.X_RE is not None, self._sync_count, counter
+            )
+        )
+
+    def _on_drive_event(self, event: DriveEvent) -> None:
+        failure = event.kind.is_failure
+        self._on_event("error" if failure else "info", event.text)
+        if failure and self.phase >= PlannerPhase.ENABLING:
+            self.master.quick_stop()
+
+
+_PHASE_OF = {
+    MasterPhase.OFF: PlannerPhase.BOOT,
+    MasterPhase.BOOT: PlannerPhase.BOOT,
+    MasterPhase.CONFIGURE: PlannerPhase.CONFIGURE,
+    MasterPhase.READY: PlannerPhase.READY,
+    MasterPhase.ENABLING: PlannerPhase.ENABLING,
+    MasterPhase.STOPPING: PlannerPhase.STOPPING,
+    MasterPhase.STOPPED: PlannerPhase.STOPPING,
+    MasterPhase.DISABLING: PlannerPhase.STOPPING,
+    MasterPhase.RESETTING: PlannerPhase.FAULT,
+    MasterPhase.FAULT: PlannerPhase.FAULT,
+}

@@ -1,0 +1,114 @@
+"""The planner's parameters as objects of its dictionary: written by SDO in mid-run, valid from the next cycle on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from drivers.canopen.node import CanopenNode
+from drivers.objects import Value
+from drivers.tables import planner as table
+from stack.kinematics.se3 import rotation_log
+from stack.messages import PlannerPhase, Vector
+from stack.planner.parameters import Coordination, Method, PlannerParameters
+from stack.planner.planner import PlannerOutputs
+
+
+class Reported(Protocol):
+    """What the read-only objects show."""
+
+    phase: PlannerPhase
+    outputs: PlannerOutputs | None
+
+
+_ARRAYS = {
+    table.PREFERRED_CONFIGURATION: "preferred",
+    table.HEIGHTS: "heights",
+    table.WIDTHS: "widths",
+    table.WEIGHTS: "weights",
+}
+_PLATFORM = {
+    table.PLATFORM_ANGLE: "platform_angle",
+    table.PLATFORM_GAIN: "platform_gain",
+    table.PLATFORM_MAX_RATE: "platform_max_rate",
+    table.PLATFORM_FEED_FORWARD: "platform_feed_forward",
+}
+
+
+class PlannerObjects:
+    """`parameters` follows what is written; `restore` puts the initial ones into dictionary and parameters."""
+
+    def __init__(self, node: CanopenNode, initial: PlannerParameters, reported: Callable[[], Reported]) -> None:
+        self.parameters = initial
+        self._initial = initial
+        self._dictionary = node.dictionary
+        self._reported = reported
+        self._bind_choices()
+        self._bind_preferences()
+        self._bind_reports(initial.limits.q_min.size)
+
+    def restore(self) -> None:
+        """Power-on values: those of the robot and the scenario, not the catalogue's."""
+        self.parameters = self._initial
+        objects, wish = self._dictionary, self._initial.preferences
+        objects.set(table.METHOD, 0, int(self._initial.method))
+        objects.set(table.COORDINATION, 0, int(self._initial.coordination))
+        objects.set(table.NULL_SPACE_MOTION, 0, int(self._initial.null_space_motion))
+        objects.set(table.JOINT_LIMIT_RULES, 0, int(self._initial.joint_limit_rules))
+        for index, name in _ARRAYS.items():
+            for i, value in enumerate(getattr(wish, name)):
+                objects.set(index, i + 1, float(value))
+        for subindex, name in _PLATFORM.items():
+            objects.set(table.PLATFORM, subindex, float(getattr(wish, name)))
+
+    def _bind_choices(self) -> None:
+        bind = self._dictionary.bind
+        bind(table.METHOD, sink=lambda value: self._change(method=Method(int(value))))
+        bind(table.COORDINATION, sink=lambda value: self._change(coordination=Coordination(int(value))))
+        bind(table.NULL_SPACE_MOTION, sink=lambda value: self._change(null_space_motion=bool(value)))
+        bind(table.JOINT_LIMIT_RULES, sink=lambda value: self._change(joint_limit_rules=bool(value)))
+
+    def _change(self, **fields: object) -> None:
+        self.parameters = replace(self.parameters, **fields)  # type: ignore[arg-type]
+
+    def _bind_preferences(self) -> None:
+        for index, name in _ARRAYS.items():
+            for i in range(getattr(self._initial.preferences, name).size):
+                self._dictionary.bind(index, i + 1, sink=self._element(name, i))
+        for subindex, name in _PLATFORM.items():
+            self._dictionary.bind(table.PLATFORM, subindex, sink=self._scalar(name))
+
+    def _element(self, name: str, i: int) -> Callable[[Value], None]:
+        def write(value: Value) -> None:
+            array: Vector = getattr(self.parameters.preferences, name).copy()
+            array[i] = float(value)
+            self._change(preferences=replace(self.parameters.preferences, **{name: array}))
+
+        return write
+
+    def _scalar(self, name: str) -> Callable[[Value], None]:
+        return lambda value: self._change(preferences=replace(self.parameters.preferences, **{name: float(value)}))
+
+    def _bind_reports(self, joints: int) -> None:
+        bind = self._dictionary.bind
+        bind(table.PHASE, source=lambda: int(self._reported().phase))
+        for i in range(joints):
+            bind(table.CONFIGURATION, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.q[i]))
+        for i in range(3):
+            bind(table.TCP_POSITION, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.T_RE[i, 3]))
+            bind(
+                table.TCP_ROTATION_VECTOR,
+                i + 1,
+                source=lambda i=i: self._of_outputs(lambda o: rotation_log(o.T_RE[:3, :3])[i]),
+            )
+        for i in range(6):
+            bind(table.SINGULAR_VALUES, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.arm.sigma[i]))
+        bind(table.MANIPULABILITY, 1, source=lambda: self._of_outputs(lambda o: np.prod(o.arm.sigma)))
+
+    def _of_outputs(self, read: Callable[[PlannerOutputs], float]) -> float:
+        """A number of the last cycle, 0 before the first one."""
+        outputs = self._reported().outputs
+        return 0.0 if outputs is None else float(read(outputs))

@@ -1,0 +1,108 @@
+"""The strategic layer on the bus: twist and mission frames at 50 Hz, the planner's dictionary by SDO."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.bus.base import Bus
+from drivers.canopen.nmt import NmtState
+from drivers.canopen.node import CanopenNode, NodeApplication
+from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
+from drivers.canopen.sequence import Download, Sequence, SequenceFailure, Sequencer, Upload
+from drivers.clock import Clock
+from drivers.codec import MISSION, PLANNER_STATE, TWIST
+from drivers.frame import Frame
+from drivers.objects import DeviceDef
+from drivers.publisher import Publisher, receive
+from drivers.tables.planner import TCP_ROTATION_VECTOR
+from stack.kinematics.se3 import rotation_exp
+from stack.messages import Matrix, MissionCommand, PlannerState, TwistCommand
+from stack.strategic.mission import CYCLE_NS, Mission, MissionInputs, MissionState, ParameterWrite, Stage
+
+STATE_TIMEOUT_NS = 200_000_000
+OnEvent = Callable[[str], None]
+
+
+class StrategicNode(NodeApplication):
+    """Runs a mission. `stage` says where it is, `on_event` hears its milestones in words."""
+
+    def __init__(
+        self, device: DeviceDef, planner: DeviceDef, clock: Clock, bus: Bus, mission: Mission, on_event: OnEvent
+    ) -> None:
+        self.node = CanopenNode(device, clock, bus, self)
+        self._clock = clock
+        self._mission = mission
+        self._state = MissionState()
+        self._on_event = on_event
+        self._counter = 0
+        self._running = False
+        self._writes_done = False
+        self._rotation_RE: Matrix | None = None
+        self._failure: str | None = None
+        self._twist = Publisher(self.node, TWIST)
+        self._command = Publisher(self.node, MISSION)
+        self._planner = receive(self.node, PLANNER_STATE)
+        self._types = {entry.key: entry.data_type for entry in planner.objects}
+        self._sequencer = Sequencer(clock)
+        self._client = SdoClient(planner.node_id, self.node.line.send, clock)
+        self.node.subscribe(RESPONSE_BASE + planner.node_id, self._on_response)
+
+    @property
+    def stage(self) -> Stage:
+        return self._state.stage
+
+    @property
+    def planner_state(self) -> PlannerState | None:
+        """What the planner said last, None when that is too long ago."""
+        return self._planner.fresh(STATE_TIMEOUT_NS)
+
+    def on_nmt_state(self, state: NmtState) -> None:
+        operational = state is NmtState.OPERATIONAL
+        if operational and not self._running:
+            self._clock.call_at((self._clock.now_ns() // CYCLE_NS + 1) * CYCLE_NS, self._cycle)
+        self._running = operational
+
+    def _cycle(self) -> None:
+        """One strategic cycle, on multiples of its period."""
+        if not self._running:
+            return
+        now_ns = self._clock.now_ns()
+        self._clock.call_at(now_ns + CYCLE_NS, self._cycle)
+        inputs = MissionInputs(now_ns, self.planner_state, self._writes_done, self._rotation_RE, self._failure)
+        before = self._state.stage
+        self._state, outputs = self._mission.step(self._state, inputs)
+        if self._state.stage is Stage.PREPARING and before is not Stage.PREPARING:
+            self._writes_done = False
+            self._run("write the planner's parameters", self._write(outputs.writes))
+        if outputs.read_orientation:
+            self._rotation_RE = None
+            self._run("read the TCP's orientation", self._read_orientation())
+        self._counter = (self._counter + 1) & 0xFF
+        self._twist.publish(TwistCommand(outputs.twist, self._counter))
+        self._command.publish(MissionCommand(outputs.mode, outputs.step, self._counter))
+        if outputs.event is not None:
+            self._on_event(outputs.event)
+
+    def _write(self, writes: tuple[ParameterWrite, ...]) -> Sequence[None]:
+        for write in writes:
+            integer = self._types[write.index, write.subindex].is_integer
+            yield Download(write.index, write.subindex, int(write.value) if integer else float(write.value))
+        self._writes_done = True
+
+    def _read_orientation(self) -> Sequence[None]:
+        vector = np.empty(3)
+        for axis in range(3):
+            vector[axis] = yield Upload(TCP_ROTATION_VECTOR, axis + 1)
+        self._rotation_RE = rotation_exp(vector)
+
+    def _run(self, name: str, sequence: Sequence[None]) -> None:
+        self._sequencer.start(self._client, name, sequence, lambda _: None, self._on_failure, self._types)
+
+    def _on_failure(self, failure: SequenceFailure) -> None:
+        self._failure = str(failure)
+
+    def _on_response(self, frame: Frame) -> None:
+        self._client.on_frame(frame)
+        self._sequencer.poll()

@@ -1,0 +1,188 @@
+"""The log of a run: takes frames, truth and events from the loop, and does all the rest in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from queue import SimpleQueue
+
+from drivers.frame import Frame
+from drivers.objects import DeviceDef
+from logs.decoder import SignalDecoder
+from logs.dexterity import Dexterity
+from logs.events import Event, EventLog, Level
+from logs.recorder import RerunRecorder, RunInfo
+from logs.signals import DecodedBlock, SignalTable
+from logs.tape import Block, Tape
+from logs.tracking import PathTracking
+from stack.kinematics import ArmModel
+from stack.kinematics.robot_file import robot_directory
+from stack.messages import Truth
+
+QUEUED_BLOCKS = 8
+
+
+class RunLog:
+    """Listens to a run; never answers, so the run is the same with and without it.
+
+    Give `on_frame` to `Bus.observe`, and call `on_truth` and `on_event` from the loop. Blocks of about a second go to a daemon
+    thread that decodes them, writes `events.log` and, unless `recording` is None, the Rerun file. Everything is decoded into the
+    table in any case. With `wait` (lockstep) the loop is held up at a block's end while `QUEUED_BLOCKS` are waiting, and nothing is
+    lost; without (real time) a block that comes too late for the Rerun file is left out of it and counted in `dropped_blocks`.
+
+    A fault of the disk or of Rerun ends the recording with one ERROR event; the run and the table go on.
+    """
+
+    def __init__(
+        self,
+        devices: Iterable[DeviceDef],
+        robot: str,
+        info: RunInfo,
+        *,
+        sync_period_ns: int,
+        bitrate: int = 1_000_000,
+        platform_ratio: int = 5,
+        recording: Path | None,
+        event_log: Path | None,
+        wait: bool = True,
+        block_ns: int = 1_000_000_000,
+    ) -> None:
+        """Opens the files and starts the thread. Raises OSError when `event_log` cannot be made, ValueError for an unknown robot."""
+        arm = ArmModel.load(robot)  # not the planner's: an ArmModel belongs to one thread
+        platform = arm.description.platform
+        self._decoder = SignalDecoder(
+            devices,
+            sync_period_ns=sync_period_ns,
+            bitrate=bitrate,
+            wheel_radius=platform.wheel_radius if platform else 1.0,
+            track=platform.track if platform else 1.0,
+        )
+        self._tracking = PathTracking(sync_period_ns)
+        self._dexterity = Dexterity(arm)
+        self._events = EventLog(event_log) if event_log is not None else None
+        self._queue: SimpleQueue[tuple[Block, bool] | None] = SimpleQueue()
+        self._room = threading.Semaphore(QUEUED_BLOCKS) if wait else None
+        self._decoder_fault: Exception | None = None
+        self._last_ns = 0
+        self.table = SignalTable()
+        """Complete after `close`; before that it belongs to the thread."""
+        self.dropped_blocks = 0
+        self.recorder_fault: str | None = None
+        """Why the recording ended early, or None."""
+        self._recorder: RerunRecorder | None = None
+        if recording is not None:
+            self._open(recording, arm, robot, info, sync_period_ns, platform_ratio)
+        self._tape = Tape(self._hand_over, block_ns)
+        self.on_frame: Callable[[Frame], None] = self._tape.on_frame
+        """For `Bus.observe`: an append and a comparison."""
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="run-log", daemon=True)
+        self._thread.start()
+
+    def on_truth(self, truth: Truth) -> None:
+        """One sample at a SYNC."""
+        self._tape.on_truth(truth)
+
+    def on_event(self, t_ns: int, level: Level, source: str, text: str) -> None:
+        """Something that the frames do not tell, e.g. an injected fault, an overrun."""
+        self._tape.on_event(Event(t_ns, level, source, text))
+
+    @property
+    def frames(self) -> int:
+        """Frames that were handed over so far; all of them after `close`."""
+        return self._tape.frame_count
+
+    def close(self) -> SignalTable:
+        """Hands over the rest, waits for the thread, closes the files, and gives the whole table. May be called twice.
+
+        Raises what the decoder raised, if it did: metrics from half a table would be wrong.
+        """
+        if not self._closed:
+            self._closed = True
+            self._tape.cut()
+            self._queue.put(None)
+            self._thread.join()
+        if self._decoder_fault is not None:
+            raise self._decoder_fault
+        return self.table
+
+    def _hand_over(self, block: Block) -> None:
+        if self._room is not None:
+            self._room.acquire()
+        self._queue.put((block, self._closed))
+
+    def _work(self) -> None:
+        while (entry := self._queue.get()) is not None:
+            block, last = entry
+            try:
+                if self._decoder_fault is None:
+                    self._take(block, last)
+            except Exception as fault:  # the loop must not notice, `close` raises it
+                self._decoder_fault = fault
+            finally:
+                if self._room is not None:
+                    self._room.release()
+        self._finish()
+
+    def _take(self, block: Block, last: bool) -> None:
+        decoded = self._derive(self._decoder.decode(block, last=last))
+        self.table.add(decoded)
+        for event in decoded.events:
+            self._last_ns = max(self._last_ns, event.t_ns)
+            if self._events is not None:
+                self._events.write(event)
+        if "sync" in decoded.signals:
+            self._last_ns = max(self._last_ns, int(decoded.signals["sync"].t_ns[-1]))
+        if self._recorder is None:
+            return
+        if self._room is None and self._queue.qsize() > QUEUED_BLOCKS:
+            self.dropped_blocks += 1
+            if self.dropped_blocks == 1:
+                self._note(Level.WARN, "cannot keep up: blocks are left out of run.rrd")
+            return
+        try:
+            self._recorder.write(decoded)
+        except Exception as fault:  # whatever the writer does, the run goes on without it
+            self._give_up(fault)
+
+    def _derive(self, decoded: DecodedBlock) -> DecodedBlock:
+        """Adds what follows from several signals."""
+        signals = dict(decoded.signals)
+        pose = signals.get("truth/pose_WE")
+        signals |= self._tracking.add(signals.get("reference/pose"), signals.get("reference/segment"), pose)
+        if pose is not None:
+            signals |= self._dexterity.add(signals["truth/q"], pose)
+        return DecodedBlock(signals, decoded.states, decoded.events, decoded.counts)
+
+    def _open(
+        self, path: Path, arm: ArmModel, robot: str, info: RunInfo, sync_period_ns: int, platform_ratio: int
+    ) -> None:
+        urdf = robot_directory(robot) / "robot.urdf"
+        try:
+            self._recorder = RerunRecorder(
+                path, arm, urdf, info, sync_period_ns=sync_period_ns, platform_ratio=platform_ratio
+            )
+        except Exception as fault:
+            self._give_up(fault)
+
+    def _give_up(self, fault: Exception) -> None:
+        self.recorder_fault = f"{type(fault).__name__}: {fault}"
+        self._recorder = None
+        self._note(Level.ERROR, f"recording ended: {self.recorder_fault}")
+
+    def _note(self, level: Level, text: str) -> None:
+        """An event of the log itself."""
+        event = Event(self._last_ns, level, "recorder", text)
+        self.table.events.append(event)
+        if self._events is not None:
+            self._events.write(event)
+
+    def _finish(self) -> None:
+        if self._recorder is not None:
+            try:
+                self._recorder.close()
+            except Exception as fault:
+                self._give_up(fault)
+        if self._events is not None:
+            self._events.close()
