@@ -8,17 +8,23 @@ import numpy as np
 
 from config.errors import ConfigError
 from config.scenario import PreferenceTable, Scenario, StepTable
+from drivers.tables import planner as table
 from stack.messages import Mode
 from stack.planner.parameters import Coordination, Method
 from stack.strategic.mission import Mission, ParameterWrite, Step, StepKind
 from stack.strategic.profile import RampProfile
 
-_ARRAYS = (("preferred", 0x2010), ("heights", 0x2011), ("widths", 0x2012), ("weights", 0x2013))
+_ARRAYS = (
+    ("preferred", table.PREFERRED_CONFIGURATION),
+    ("heights", table.HEIGHTS),
+    ("widths", table.WIDTHS),
+    ("weights", table.WEIGHTS),
+)
 _PLATFORM = (
-    ("platform_angle_rad", 1),
-    ("platform_gain", 2),
-    ("platform_max_rate", 3),
-    ("platform_feed_forward", 4),
+    ("platform_angle_rad", table.PLATFORM_ANGLE),
+    ("platform_gain", table.PLATFORM_GAIN),
+    ("platform_max_rate", table.PLATFORM_MAX_RATE),
+    ("platform_feed_forward", table.PLATFORM_FEED_FORWARD),
 )
 
 
@@ -29,10 +35,10 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
     """
     planner = scenario.planner
     choices = (
-        ParameterWrite(0x2001, 0, Method.named(planner.method)),
-        ParameterWrite(0x2002, 0, Coordination.named(planner.coordination)),
-        ParameterWrite(0x2005, 0, int(planner.null_space_motion)),
-        ParameterWrite(0x2006, 0, int(planner.joint_limit_rules)),
+        ParameterWrite(table.METHOD, 0, Method.named(planner.method)),
+        ParameterWrite(table.COORDINATION, 0, Coordination.named(planner.coordination)),
+        ParameterWrite(table.NULL_SPACE_MOTION, 0, int(planner.null_space_motion)),
+        ParameterWrite(table.JOINT_LIMIT_RULES, 0, int(planner.joint_limit_rules)),
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))
@@ -42,27 +48,27 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
     return Mission(steps, choices + preferences)
 
 
-def _step(table: StepTable, joints: int, where: str) -> Step:
+def _step(step: StepTable, joints: int, where: str) -> Step:
     profile = direction = None
-    if table.kind == "line":
-        assert table.direction is not None and table.length_m is not None and table.speed_m_s is not None
-        profile = RampProfile(table.length_m, table.speed_m_s, table.ramp_s)
-        direction = np.array(table.direction) / np.linalg.norm(table.direction)
+    if step.kind == "line":
+        assert step.direction is not None and step.length_m is not None and step.speed_m_s is not None
+        profile = RampProfile(step.length_m, step.speed_m_s, step.ramp_s)
+        direction = np.array(step.direction) / np.linalg.norm(step.direction)
         direction.setflags(write=False)
-    elif table.kind == "drive":
-        assert table.length_m is not None and table.speed_m_s is not None
-        profile = RampProfile(table.length_m, table.speed_m_s, table.ramp_s)
-    elif table.kind == "turn":
-        assert table.angle_rad is not None and table.rate_rad_s is not None
-        profile = RampProfile(table.angle_rad, table.rate_rad_s, table.ramp_s)
+    elif step.kind == "drive":
+        assert step.length_m is not None and step.speed_m_s is not None
+        profile = RampProfile(step.length_m, step.speed_m_s, step.ramp_s)
+    elif step.kind == "turn":
+        assert step.angle_rad is not None and step.rate_rad_s is not None
+        profile = RampProfile(step.angle_rad, step.rate_rad_s, step.ramp_s)
     return Step(
-        name=table.name,
-        kind=StepKind(table.kind),
-        mode=Mode[table.mode.upper()],
+        name=step.name,
+        kind=StepKind(step.kind),
+        mode=Mode[step.mode.upper()],
         profile=profile,
         direction=direction,
-        wait_s=table.duration_s or 0.0,
-        writes=() if table.preferences is None else tuple(_writes(table.preferences, joints, where)),
+        wait_s=step.duration_s or 0.0,
+        writes=() if step.preferences is None else tuple(_writes(step.preferences, joints, where)),
     )
 
 
@@ -79,4 +85,4 @@ def _writes(preferences: PreferenceTable, joints: int, where: str) -> Iterator[P
     for key, subindex in _PLATFORM:
         value = getattr(preferences, key)
         if value is not None:
-            yield ParameterWrite(0x2014, subindex, value)
+            yield ParameterWrite(table.PLATFORM, subindex, value)

@@ -76,7 +76,6 @@ class LockstepClock:
             if callback is None:
                 continue
             self._now_ns = due_ns
-            timer.callback = None
             callback()
             if self._stopped:
                 return

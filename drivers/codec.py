@@ -92,15 +92,14 @@ class MessageCodec(Generic[M]):
 class Assembler(Generic[M]):
     """Puts a message together from its frames, in whatever order they come."""
 
-    __slots__ = ("_build", "_counter", "_frames", "_missing", "_parts", "_size", "incomplete")
+    __slots__ = ("_build", "_counter", "_frames", "_missing", "_parts", "incomplete")
 
     def __init__(
         self, frames: list[tuple[FastFrameCodec, slice]], build: Callable[[list[Number], int], M | None]
     ) -> None:
         self._build = build
         self._frames = {codec.can_id: (codec, part) for codec, part in frames}
-        self._size = max(part.stop for _, part in frames)
-        self._parts: list[Number] = [0] * self._size
+        self._parts: list[Number] = [0] * max(part.stop for _, part in frames)
         self._missing: set[int] = set()
         self._counter: int | None = None
         self.incomplete = 0
@@ -149,23 +148,16 @@ class Decoder:
         return assembler.feed(can_id, data)
 
 
-def _three(vector: Vector, name: str) -> list[Number]:
+def _entries(vector: Vector, count: int, name: str) -> list[Number]:
     values: list[Number] = vector.tolist()
-    if len(values) != 3:
-        raise ValueError(f"{name} has {len(values)} entries; must be 3")
-    return values
-
-
-def _six(vector: Vector, name: str) -> list[Number]:
-    values: list[Number] = vector.tolist()
-    if len(values) != 6:
-        raise ValueError(f"{name} has {len(values)} entries; must be 6")
+    if len(values) != count:
+        raise ValueError(f"{name} has {len(values)} entries; must be {count}")
     return values
 
 
 def _flat_reference(message: ReferencePose) -> list[Number]:
-    x, y, z = _three(message.position, "position")
-    rotation = _three(message.rotation_vector, "rotation_vector")
+    x, y, z = _entries(message.position, 3, "position")
+    rotation = _entries(message.rotation_vector, 3, "rotation_vector")
     return [x, y, z, message.valid, message.sync_count & 0xFFFF, *rotation]
 
 
@@ -175,8 +167,8 @@ def _build_reference(values: list[Number], counter: int) -> ReferencePose:
 
 
 def _flat_tracked(message: TrackedPose) -> list[Number]:
-    x, y, z = _three(message.position, "position")
-    rotation = _three(message.rotation_vector, "rotation_vector")
+    x, y, z = _entries(message.position, 3, "position")
+    rotation = _entries(message.rotation_vector, 3, "rotation_vector")
     return [x, y, z, True, message.age_ns * 1e-9, *rotation]
 
 
@@ -209,7 +201,7 @@ TWIST = MessageCodec[TwistCommand](
     TwistCommand,
     _DEVICES[STRATEGIC_ID],
     ("twist_linear", "twist_angular"),
-    lambda message: _six(message.twist, "twist"),
+    lambda message: _entries(message.twist, 6, "twist"),
     lambda values, counter: TwistCommand(np.array(values), counter),
 )
 MISSION = MessageCodec[MissionCommand](
@@ -237,7 +229,7 @@ WRENCH = MessageCodec[Wrench](
     Wrench,
     _DEVICES[FORCE_SENSOR_ID],
     ("force", "torque"),
-    lambda message: _six(message.wrench, "wrench"),
+    lambda message: _entries(message.wrench, 6, "wrench"),
     lambda values, counter: Wrench(np.array(values), counter),
 )
 TRACKED_POSE = MessageCodec[TrackedPose](

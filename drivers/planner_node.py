@@ -76,6 +76,7 @@ class PlannerNode(NodeApplication):
         self._sync_count = 0
         self._answered = 0
         self._deadline: Timer | None = None
+        self._commanded = self._followed = 0.0
         settings = DriveSettings(sync_period_ns=self._period_ns)
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, on_event=self._on_drive_event)
         self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
@@ -139,9 +140,22 @@ class PlannerNode(NodeApplication):
         self._state, outputs = self._planner.step(self._state, self._inputs(parameters), parameters)
         self.outputs = outputs
         self.platform_cycles += outputs.platform_cycle
+        self._progress(outputs)
         self._send(outputs)
         if self._stopwatch is not None:
             self.cycle_ns.append(self._stopwatch() - begin)
+
+    def _progress(self, outputs: PlannerOutputs) -> None:
+        """Commanded way and what of it was let through (path scale), for `path_progress`."""
+        if self.phase is PlannerPhase.EXECUTING:
+            way = float(np.linalg.norm(self._state.command.twist[:3]))
+            self._commanded += way
+            self._followed += way * outputs.arm.scale
+
+    @property
+    def path_progress(self) -> float | None:
+        """Share of the commanded way that the path scale let through; None before anything was commanded."""
+        return self._followed / self._commanded if self._commanded > 0.0 else None
 
     def _inputs(self, parameters: PlannerParameters) -> PlannerInputs:
         """What this cycle has: positions of this SYNC only, twist while it is fresh, a tracked pose once."""

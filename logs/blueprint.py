@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from logs.scene import ELLIPSOID_SCALE, PATHS
+from stack.kinematics import ArmModel
 
 TIMELINE = "sim_time"
 _OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/all")
 
 
-def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str, ...]]:
+def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
     """Entity paths of every view, by the view's title; a path that ends in `/**` stands for all below it."""
-    each = {f"{name}": (f"joints/each/{name}",) for name in joint_names}
+    each = {title: (f"joints/each/{name}",) for title, name in zip(_joint_titles(arm), arm.joint_names, strict=True)}
     return {
-        f"{robot}, ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
+        f"{arm.name}, ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
         "TCP error [mm]": ("tcp/error_mm",),
         "Joint positions [share of range, limits at ±1]": ("joints/share", "joints/limits"),
         "Manipulability, arm": ("manipulability/arm",),
@@ -47,13 +49,15 @@ def view_contents(joint_names: Sequence[str], robot: str) -> dict[str, tuple[str
     }
 
 
-def blueprint(
-    joint_names: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None = None
-) -> rrb.Blueprint:
-    """The layout for a robot. `around`: lowest and highest corner (3,) of what the eye shall see, in the world."""
-    contents = view_contents(joint_names, robot)
+def _joint_titles(arm: ArmModel) -> list[str]:
+    return [f"{row.name} [{'rad' if row.revolute else 'm'}]" for row in arm.description.joints]
+
+
+def blueprint(arm: ArmModel, around: tuple[np.ndarray, np.ndarray] | None = None) -> rrb.Blueprint:
+    """The layout for the robot that carries `arm`. `around`: lowest and highest corner (3,) of what the eye shall see, in the world."""
+    contents = view_contents(arm)
     titles = list(contents)
-    scene = _scene(titles[0], contents[titles[0]], robot, around)
+    scene = _scene(titles[0], contents[titles[0]], arm.name, around)
 
     def plot(
         title: str, *, legend: bool = True, low: float | None = None, high: float | None = None
@@ -98,17 +102,22 @@ def blueprint(
     )
     overview = rrb.Horizontal(left, middle, right, column_shares=[1.25, 1, 1], name="Overview")
     joints = rrb.Vertical(
-        rrb.Grid(*(plot(name, legend=i == 0) for i, name in enumerate(joint_names)), grid_columns=4, name="Joints"),
+        rrb.Grid(
+            *(plot(title, legend=i == 0) for i, title in enumerate(_joint_titles(arm))), grid_columns=4, name="Joints"
+        ),
         rrb.Horizontal(
             plot("Joint velocities [share of limit]"),
             plot("Joint efforts [N·m, lift N]"),
             plot("Effort offsets sent [N·m, lift N]"),
         ),
         row_shares=[2, 1],
-        name="Joints [rad, lift m]",
+        name="Joints",
     )
     drives = rrb.Vertical(
-        rrb.Horizontal(states("Drives [CiA 402 state]"), states("Nodes [NMT state]")), plot("Frames [1/s]", legend=False), row_shares=[4, 1], name="Drives and bus"
+        rrb.Horizontal(states("Drives [CiA 402 state]"), states("Nodes [NMT state]")),
+        plot("Frames [1/s]", legend=False),
+        row_shares=[4, 1],
+        name="Drives and bus",
     )
     dexterity = rrb.Vertical(plot("Singular values, arm"), plot("Singular values, robot"), name="Singularities")
     task = rrb.Grid(
@@ -136,7 +145,7 @@ def _scene(
 ) -> rrb.Spatial3DView:
     low, high = around if around is not None else (np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]))
     target = 0.5 * (low + high)
-    distance = 0.8 * float(np.linalg.norm(high - low)) + 0.3
+    distance = 0.7 * float(np.linalg.norm(high - low)) + 0.3
     eye = target + distance * np.array([0.45, -0.75, 0.48])
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
@@ -147,6 +156,12 @@ def _scene(
         contents=[*(f"+ /{path}" for path in contents), f"- /world/{robot}/collision_geometries/**"],
         background=rrb.Background(color=(24, 27, 33)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=(110, 118, 130, 90)),
+        # the robot's shapes come without a fill mode, and would be drawn as glass
+        defaults=[
+            rr.Boxes3D.from_fields(fill_mode=rr.components.FillMode.Solid),
+            rr.Cylinders3D.from_fields(fill_mode=rr.components.FillMode.Solid),
+            rr.Ellipsoids3D.from_fields(fill_mode=rr.components.FillMode.Solid),
+        ],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)
         ),

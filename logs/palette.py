@@ -66,6 +66,18 @@ STATES: dict[str, Color] = {
     "none": IDLE,
 }
 
+
+def state_color(state: str) -> Color:
+    """Colour of a state; of what restricts the planner by how grave it is."""
+    if state in STATES:
+        return STATES[state]
+    if "infeasible" in state or "degraded" in state:
+        return BAD
+    if "stale" in state or "singularity" in state:
+        return WARNING
+    return BUSY
+
+
 _ERROR_SCALE = ((0.0, (112, 219, 134)), (0.5, (245, 200, 62)), (1.0, (224, 60, 60)))
 
 

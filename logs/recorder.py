@@ -20,7 +20,8 @@ from stack.kinematics import ArmModel
 
 APPLICATION = "canipulator"
 FLUSH_TIMEOUT_S = 2.0
-STATE_LANES = ("mission/mode", "mission/step", "planner/phase", "planner/restrictions", "drives/all")
+RESTRICTIONS = "planner/restrictions"
+STATE_LANES = ("mission/mode", "mission/step", "planner/phase", RESTRICTIONS, "drives/all")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +52,9 @@ class RerunRecorder:
         self._plots, self._scene = Plots(arm), Scene(arm, urdf)
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._styled: set[str] = set()
+        self._restrictions: set[str] = {"none"}
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
-        self._stream.set_sinks(rr.FileSink(path), default_blueprint=blueprint(arm.joint_names, arm.name))
+        self._stream.set_sinks(rr.FileSink(path), default_blueprint=blueprint(arm))
         self._log_statics()
 
     def write(self, block: DecodedBlock) -> None:
@@ -71,7 +73,7 @@ class RerunRecorder:
         if np.all(np.isfinite(self._low)):
             margin = np.array([0.5, 0.5, 0.0])
             around = (np.minimum(self._low, [np.inf, np.inf, 0.0]) - margin, self._high + margin)
-            self._stream.send_blueprint(blueprint(self._arm.joint_names, self._arm.name, around))
+            self._stream.send_blueprint(blueprint(self._arm, around))
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._stream.disconnect()
 
@@ -88,8 +90,8 @@ class RerunRecorder:
         stream.flush(timeout_sec=FLUSH_TIMEOUT_S)  # columns overtake what is still in the batcher
 
     def _style_lane(self, lane: str) -> None:
-        values = list(palette.STATES)
-        colors = [(*palette.STATES[value], 255) for value in values]
+        values = sorted(self._restrictions) if lane == RESTRICTIONS else list(palette.STATES)
+        colors = [(*palette.state_color(value), 255) for value in values]
         self._stream.log(
             f"states/{lane}", rr.StateConfiguration(values=values, labels=values, colors=colors), static=True
         )
@@ -133,10 +135,14 @@ class RerunRecorder:
         lanes: dict[str, list[StateChange]] = {}
         for change in states:
             lanes.setdefault(change.lane, []).append(change)
-        if any(lane not in self._styled for lane in lanes):
-            for lane in lanes:
-                if lane not in self._styled:
-                    self._style_lane(lane)
+        new = [lane for lane in lanes if lane not in self._styled]
+        texts = {change.state for change in lanes.get(RESTRICTIONS, [])} - self._restrictions
+        self._restrictions |= texts
+        for lane in new:
+            self._style_lane(lane)
+        if texts:
+            self._style_lane(RESTRICTIONS)
+        if new or texts:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         for lane, changes in lanes.items():
             t_ns = np.array([change.t_ns for change in changes], np.int64)

@@ -12,6 +12,7 @@ from drivers.objects import DeviceDef
 from logs.decoder import SignalDecoder
 from logs.dexterity import Dexterity
 from logs.events import Event, EventLog, Level
+from logs.optimise import optimise
 from logs.recorder import RerunRecorder, RunInfo
 from logs.signals import DecodedBlock, SignalTable
 from logs.tape import Block, Tape
@@ -31,6 +32,8 @@ class RunLog:
     table in any case. With `wait` (lockstep) the loop is held up at a block's end while `QUEUED_BLOCKS` are waiting, and nothing is
     lost; without (real time) a block that comes too late for the Rerun file is left out of it and counted in `dropped_blocks`.
 
+    With `compact` a recording that is complete is rewritten a third smaller by `close` (0.1 s per MB at most).
+
     A fault of the disk or of Rerun ends the recording with one ERROR event; the run and the table go on.
     """
 
@@ -46,6 +49,7 @@ class RunLog:
         recording: Path | None,
         event_log: Path | None,
         wait: bool = True,
+        compact: bool = True,
         block_ns: int = 1_000_000_000,
     ) -> None:
         """Opens the files and starts the thread. Raises OSError when `event_log` cannot be made, ValueError for an unknown robot."""
@@ -77,6 +81,7 @@ class RunLog:
         self.on_frame: Callable[[Frame], None] = self._tape.on_frame
         """For `Bus.observe`: an append and a comparison."""
         self._closed = False
+        self._compact = recording if compact else None
         self._thread = threading.Thread(target=self._work, name="run-log", daemon=True)
         self._thread.start()
 
@@ -182,6 +187,8 @@ class RunLog:
         if self._recorder is not None:
             try:
                 self._recorder.close()
+                if self._compact is not None:
+                    optimise(self._compact)
             except Exception as fault:
                 self._give_up(fault)
         if self._events is not None:

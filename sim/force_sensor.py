@@ -16,6 +16,7 @@ from enum import StrEnum
 import numpy as np
 
 from sim.physics import Physics
+from sim.rotation import cross
 from stack.messages import Vector
 
 _STREAM = 0xF0
@@ -72,11 +73,11 @@ class ForceSensor:
         lever = rotation @ self._centre
         if self.parameters.compensation is Compensation.NONE:
             wrench[:3] += self._weight
-            wrench[3:] += np.cross(lever, self._weight)
+            wrench[3:] += cross(lever, self._weight)
         if self.parameters.compensation is not Compensation.MOTION:
             rate = (momentum - self._before) / duration
             wrench[:3] -= rate[:3]
-            wrench[3:] -= rate[3:] + np.cross(lever, rate[:3])
+            wrench[3:] -= rate[3:] + cross(lever, rate[:3])
         self._before = momentum
         self._sum[:] = 0.0
         self._steps = 0
@@ -89,6 +90,6 @@ class ForceSensor:
         state = self._physics.hand()
         rotation = self._physics.pose_WE()[:3, :3]
         spin = np.array(state[7])
-        velocity = np.array(state[6]) + np.cross(spin, rotation @ self._centre)
+        velocity = np.array(state[6]) + cross(spin, rotation @ self._centre)
         angular = rotation @ (self._inertia * (rotation.T @ spin))
         return np.concatenate([self.mass * velocity, angular]), rotation

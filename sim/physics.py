@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim.bullet import pybullet, quiet
-from sim.rotation import inverse, pose_of, quaternion_of
+from sim.rotation import cross, inverse, pose_of, quaternion_of
 from stack.messages import Matrix, Vector
 
 FLOOR, WHEELS, GRIPPER, OBSTACLES = 1, 2, 4, 8
@@ -68,8 +68,10 @@ class Physics:
         self.load()
 
     def close(self) -> None:
-        """Disconnect; the object is of no further use."""
-        pybullet.disconnect(self.client)
+        """Disconnect; the object is of no further use. May be called again."""
+        if self.client >= 0:
+            pybullet.disconnect(self.client)
+            self.client = -1
 
     # --- loading -----------------------------------------------------------------------------------------------------
 
@@ -97,11 +99,13 @@ class Physics:
         self._set_contacts()
         inertial = p.getDynamicsInfo(self.robot, -1, physicsClientId=client)
         self._base_from_com = inverse(pose_of(inertial[3], inertial[4]))
+        self._com_to_base = -np.array(inertial[3])
         self.grasps: list[int] = []
         self.external: Vector = np.zeros(6)
         """Force and torque about the TCP (world axes) that acted on the gripper in the last step, N and N·m."""
         self.touched = False
         self._pushed: Vector = np.zeros(6)
+        self._push_pending = False
         self._hand: tuple[Any, ...] | None = None
         self.sense()
 
@@ -235,6 +239,7 @@ class Physics:
         p, tcp = pybullet, self.link[self.names.tcp]
         at = self.hand()[4]
         p.applyExternalForce(self.robot, tcp, list(force), at, p.WORLD_FRAME, physicsClientId=self.client)
+        self._push_pending = True
         self._pushed[:3] += force
         if torque is not None:
             p.applyExternalTorque(self.robot, tcp, list(torque), p.WORLD_FRAME, physicsClientId=self.client)
@@ -279,15 +284,17 @@ class Physics:
         self.q[:] = [state[0] for state in arm]
         self.dq[:] = [state[1] for state in arm]
         self._hand = None
-        if self.grasps or self.touched or self.parameters.gripper_touches or self._pushed.any():
+        if self.grasps or self.touched or self.parameters.gripper_touches or self._push_pending:
             self._sense_loads()
 
     def _sense_loads(self) -> None:
         p = pybullet
         self.external[:] = self._pushed
         self._pushed[:] = 0.0
+        self._push_pending = False
         for constraint in self.grasps:
-            self.external[:3] += p.getConstraintState(constraint, physicsClientId=self.client)[:3]
+            on_other = p.getConstraintState(constraint, physicsClientId=self.client)  # world axes
+            self.external[:3] -= on_other[:3]
         if self.parameters.gripper_touches:
             tcp = np.array(self.hand()[4])
             gripper = self.link[self.names.gripper]
@@ -298,7 +305,7 @@ class Physics:
                     + contact[12] * np.array(contact[13])
                 )
                 self.external[:3] += force
-                self.external[3:] += np.cross(np.array(contact[5]) - tcp, force)
+                self.external[3:] += cross(np.array(contact[5]) - tcp, force)
         self.touched = bool(self.external.any())
 
     # --- where everything is -----------------------------------------------------------------------------------------
@@ -335,8 +342,7 @@ class Physics:
     def base_twist(self, pose_WB: Matrix) -> Vector:
         """Forward speed (m/s) and yaw rate (rad/s) of the platform's reference point over ground (2,)."""
         linear, angular = pybullet.getBaseVelocity(self.robot, physicsClientId=self.client)
-        arm = -pose_WB[:3, :3] @ inverse(self._base_from_com)[:3, 3]
-        velocity = np.array(linear) + np.cross(angular, arm)
+        velocity = np.array(linear) + cross(angular, pose_WB[:3, :3] @ self._com_to_base)
         return np.array([velocity @ pose_WB[:3, 0], np.array(angular) @ pose_WB[:3, 2]])
 
     def floor_loads(self) -> Vector:
@@ -347,4 +353,3 @@ class Physics:
             if contact[3] in links:
                 loads[links.index(contact[3])] += contact[9]
         return loads
-

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from stack.messages import Matrix
+from stack.messages import Matrix, Vector
 
 
 def pose_of(position: Sequence[float], quaternion: Sequence[float]) -> Matrix:
@@ -49,13 +50,20 @@ def quaternion_of(rotation: Matrix) -> list[float]:
     return [float(value) for value in quaternion]
 
 
-def rotation_vector_of(rotation: Matrix) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def cross(a: Sequence[float] | Vector, b: Sequence[float] | Vector) -> Vector:
+    """a x b (3,); a tenth of the cost of numpy.cross."""
+    ax, ay, az = a
+    bx, by, bz = b
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def rotation_vector_of(rotation: Matrix) -> Vector:
     """Axis times angle (3,) of a rotation (3, 3); the angle is in [0, pi]."""
     quaternion = np.array(quaternion_of(rotation))
     sine = float(np.linalg.norm(quaternion[:3]))
-    if sine < 1e-12:
-        return 2.0 * quaternion[:3]
-    return 2.0 * np.arctan2(sine, quaternion[3]) / sine * quaternion[:3]
+    scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, quaternion[3]) / sine
+    vector: Vector = scale * quaternion[:3]
+    return vector
 
 
 def rotation_of(vector: Sequence[float]) -> Matrix:
@@ -65,5 +73,6 @@ def rotation_of(vector: Sequence[float]) -> Matrix:
     if angle < 1e-12:
         return np.eye(3)
     x, y, z = v / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Matrix = np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
+    return rotation

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stack.messages import Vector
+from stack.messages import Matrix, Vector
+from stack.servo.compiled import compiled
 
 _BLOCK = 1024
 _STREAM = 0x511
@@ -37,6 +38,15 @@ class SlipParameters:
             raise ValueError(f"slip.limit = {self.limit}: must be between 0 and 1")
 
 
+@compiled
+def _advance(
+    noise: Matrix, row: int, decay: float, spread: float, limit: float, bias: Vector, deviation: Vector, ratio: Vector
+) -> None:
+    for i in range(ratio.shape[0]):
+        deviation[i] = decay * deviation[i] + spread * noise[row, i]
+        ratio[i] = min(max(bias[i] + deviation[i], -limit), limit)
+
+
 class Slip:
     """Seeded slip ratios of `count` wheels; starts in the stationary state."""
 
@@ -50,20 +60,16 @@ class Slip:
         self._decay = math.exp(-dt_s / parameters.tau_s)
         self._spread = parameters.sigma * math.sqrt(-math.expm1(-2.0 * dt_s / parameters.tau_s))
         self._deviation = parameters.sigma * self._random.standard_normal(count)
-        self._noise = np.empty((0, count))
+        self._noise = np.zeros((0, count))
         self._used = 0
-        self._clip()
+        still = np.zeros((1, count))
+        _advance(still, 0, 1.0, 0.0, parameters.limit, self.bias, self._deviation, self.ratio)
 
     def advance(self) -> None:
         """One tick further; `ratio` is filled in place."""
-        if self.parameters.sigma > 0.0:
-            if self._used == len(self._noise):
-                self._noise = self._random.standard_normal((_BLOCK, len(self.ratio)))
-                self._used = 0
-            self._deviation = self._decay * self._deviation + self._spread * self._noise[self._used]
-            self._used += 1
-        self._clip()
-
-    def _clip(self) -> None:
-        limit = self.parameters.limit
-        np.clip(self.bias + self._deviation, -limit, limit, out=self.ratio)
+        if self._used == len(self._noise):
+            self._noise = self._random.standard_normal((_BLOCK, len(self.ratio)))
+            self._used = 0
+        limit, decay, spread = self.parameters.limit, self._decay, self._spread
+        _advance(self._noise, self._used, decay, spread, limit, self.bias, self._deviation, self.ratio)
+        self._used += 1

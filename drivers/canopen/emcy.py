@@ -68,7 +68,8 @@ class Emergency:
         self._clock = clock
         self._line = line
         self._nmt = nmt
-        self._active: dict[int, ErrorRegister] = {}
+        self.errors: dict[int, ErrorRegister] = {}
+        """The present errors, oldest first, with their bits of 1001h."""
         self._waiting: deque[bytes] = deque(maxlen=_QUEUE_LENGTH)
         self._timer: Timer | None = None
         self._slots = sum(1 for entry in dictionary if entry.definition.index == 0x1003) - 1
@@ -82,32 +83,27 @@ class Emergency:
     def register(self) -> ErrorRegister:
         """Present value of 1001h."""
         bits = ErrorRegister.NONE
-        for bit in self._active.values():
+        for bit in self.errors.values():
             bits |= bit | ErrorRegister.GENERIC
         return bits
 
-    @property
-    def active(self) -> tuple[int, ...]:
-        """Codes of the present errors, in the order in which they appeared."""
-        return tuple(self._active)
-
     def report(self, code: EmcyCode, detail: bytes = b"") -> None:
         """An error has appeared; `detail`: up to five bytes of the manufacturer's own."""
-        if code in self._active:
+        if code in self.errors:
             return
-        self._active[code] = register_bit(code)
+        self.errors[code] = register_bit(code)
         self._history.appendleft(code | int.from_bytes(detail[:2], "little") << 16)
         self._post(code, detail)
 
     def resolve(self, *codes: EmcyCode) -> None:
         """Errors are gone: each that was there is followed by one error-reset message (0000h) with what remains."""
         for code in codes:
-            if self._active.pop(code, None) is not None:
+            if self.errors.pop(code, None) is not None:
                 self._post(EmcyCode.ERROR_RESET, b"")
 
     def reset(self) -> None:
         """As after power-on: no errors, nothing waiting. The history stays, it is there to survive a reset."""
-        self._active.clear()
+        self.errors.clear()
         self._waiting.clear()
         if self._timer is not None:
             self._timer.cancel()

@@ -56,6 +56,8 @@ class NmtSlave:
         on_reset: Callable[[bool], None],
     ) -> None:
         self.state = NmtState.INITIALISING
+        self.operational = False
+        """PDOs are sent and taken."""
         self.locked = False
         self._node_id = node_id
         self._clock = clock
@@ -64,11 +66,6 @@ class NmtSlave:
         self._on_reset = on_reset
         self._retry: Timer | None = None
         line.listen(NMT_CAN_ID, self._on_frame)
-
-    @property
-    def operational(self) -> bool:
-        """PDOs are sent and taken."""
-        return self.state is NmtState.OPERATIONAL
 
     @property
     def communicating(self) -> bool:
@@ -86,6 +83,7 @@ class NmtSlave:
         """Goes to `state` and tells so, unless that is the present one."""
         if state is not self.state:
             self.state = state
+            self.operational = state is NmtState.OPERATIONAL
             self._on_state(state)
 
     def reset(self, whole: bool) -> None:
@@ -98,6 +96,7 @@ class NmtSlave:
     def power_off(self) -> None:
         """Nothing is pending afterwards; `reset` begins again."""
         self.state = NmtState.INITIALISING
+        self.operational = False
         if self._retry is not None:
             self._retry.cancel()
 

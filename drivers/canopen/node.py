@@ -148,15 +148,15 @@ class CanopenNode:
         self.emcy.flush()
 
     def _on_sync(self, counter: int | None) -> None:
-        operational = self.nmt.operational
-        if operational:
-            stored = [pdo for pdo in self.rpdo.values() if pdo.store()]
+        if self.nmt.operational:
+            stored = [pdo for pdo in self.rpdo.values() if pdo.pending is not None and pdo.store()]
             for received in stored:
                 received.announce()
         self.application.on_sync(counter)
         if self.nmt.operational:
             for pdo in self.tpdo.values():
-                pdo.on_sync(counter)
+                if pdo.valid:
+                    pdo.on_sync(counter)
 
     def _on_rpdo(self, number: int) -> None:
         self.application.on_rpdo(number)

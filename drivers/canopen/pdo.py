@@ -47,7 +47,8 @@ class ReceivePdo(PdoParameters):
         self._on_applied = on_applied
         self._on_timeout = on_timeout
         self._listening: int | None = None
-        self._pending: bytes | None = None
+        self.pending: bytes | None = None
+        """A frame that waits for its SYNC."""
         self._timeout_ns = 0
         self._deadline: Timer | None = None
 
@@ -65,17 +66,15 @@ class ReceivePdo(PdoParameters):
 
     def idle(self) -> None:
         """Forgets what waits for a SYNC and stops the watch: the node left operational."""
-        self._pending = None
+        self.pending = None
         if self._deadline is not None:
             self._deadline.cancel()
             self._deadline = None
 
     def store(self) -> bool:
         """First half of a SYNC: what came since the last one goes into the dictionary. False: nothing had come."""
-        if self._pending is None:
-            return False
-        data, self._pending = self._pending, None
-        return self._store(data)
+        data, self.pending = self.pending, None
+        return data is not None and self._store(data)
 
     def announce(self) -> None:
         """Second half: hooks, after the values of all RPDOs of this SYNC have been stored."""
@@ -91,12 +90,12 @@ class ReceivePdo(PdoParameters):
         if len(frame.data) != layout.length:
             self._emcy.report(EmcyCode.PDO_LENGTH, bytes((self.number, len(frame.data), layout.length)))
             return
-        if self._emcy.active:
+        if self._emcy.errors:
             self._emcy.resolve(EmcyCode.PDO_LENGTH)
         if self._timeout_ns:
             self._watch()
         if self.transmission_type <= SYNCHRONOUS_MAX:
-            self._pending = frame.data
+            self.pending = frame.data
         elif self._store(frame.data):
             self.announce()
 
@@ -104,7 +103,7 @@ class ReceivePdo(PdoParameters):
         values = self.layout.unpack(data)
         if self.layout.guarded and not self._acceptable(values):
             return False
-        for entry, value in zip(self.layout.entries, values, strict=True):
+        for entry, value in zip(self.layout.entries, values):  # noqa: B905 (as many as there are, by construction)
             entry.value = value
         return True
 
@@ -115,7 +114,7 @@ class ReceivePdo(PdoParameters):
             except SdoAbort as refusal:
                 self._emcy.report(EmcyCode.PROTOCOL, refusal.code.to_bytes(4, "little") + bytes((self.number,)))
                 return False
-        if self._emcy.active:
+        if self._emcy.errors:
             self._emcy.resolve(EmcyCode.PROTOCOL)
         return True
 
@@ -123,7 +122,7 @@ class ReceivePdo(PdoParameters):
         if self._deadline is not None:
             self._deadline.cancel()
         self._deadline = self._clock.call_at(self._clock.now_ns() + self._timeout_ns, self._expired)
-        if self._emcy.active:
+        if self._emcy.errors:
             self._emcy.resolve(EmcyCode.RPDO_TIMEOUT)
 
     def _expired(self) -> None:

@@ -46,7 +46,7 @@ class StepError(Exception):
         super().__init__(f"expected {expected}, came {came}")
         self.expected = expected
         self.came = came
-        self.code = code
+        self.code = int(code)
 
 
 class SdoAborted(StepError):
@@ -69,5 +69,5 @@ class SdoTimeout(StepError):
         super().__init__(
             f"an answer to the SDO request for {index:04X}h sub {subindex} within {timeout_ns / 1e6:g} ms",
             f"none, {attempts} times",
-            AbortCode.TIMED_OUT,
+            int(AbortCode.TIMED_OUT),
         )

@@ -55,7 +55,7 @@ class SyncConsumer:
         if len(frame.data) != (1 if self._overflow else 0):
             self._emcy.report(EmcyCode.SYNC_LENGTH, bytes((len(frame.data),)))
             return
-        if self._emcy.active:
+        if self._emcy.errors:
             self._emcy.resolve(EmcyCode.SYNC_LENGTH)
         self.received += 1
         counter = None

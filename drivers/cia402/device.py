@@ -12,10 +12,11 @@ from drivers.bus.base import Bus
 from drivers.canopen.emcy import EmcyCode
 from drivers.canopen.nmt import NmtState
 from drivers.canopen.node import CanopenNode, CommunicationLoss, NodeApplication
+from drivers.cia402.axis_watch import Alarm
 from drivers.cia402.bank import DriveBank
 from drivers.cia402.homing import Homing
-from drivers.cia402.parameters import CYCLIC_MODES, AbortConnection, DriveParameters, QuickStop
-from drivers.cia402.process_data import ProcessData
+from drivers.cia402.parameters import AbortConnection, DriveParameters, QuickStop
+from drivers.cia402.process_data import LIMITED, ProcessData
 from drivers.cia402.states import (
     Command,
     Control,
@@ -29,7 +30,6 @@ from drivers.cia402.states import (
     on_event,
     statusword_of,
 )
-from drivers.cia402.axis_watch import Alarm
 from drivers.clock import Clock
 from drivers.objects import DeviceDef, Value
 from stack.servo.state import AxisMode
@@ -63,6 +63,7 @@ class Drive(NodeApplication):
     def __init__(self, device: DeviceDef, clock: Clock, bus: Bus, bank: DriveBank, axis: int) -> None:
         self.state = State.NOT_READY
         self.mode = Mode.NONE
+        self._loop: AxisMode | None = None
         self.clock = clock
         self.axis = bank.axis(axis, self._on_alarm)
         self.node = CanopenNode(device, clock, bus, self)
@@ -143,11 +144,11 @@ class Drive(NodeApplication):
         fresh = self.process_data.take_fresh()
         self._flags = self.axis.take_flags()
         emcy = self.node.emcy
-        if emcy.active and self.state is not State.FAULT:
+        if emcy.errors and self.state is not State.FAULT:
             emcy.resolve(EmcyCode.SYNC_LOST)
             if fresh:
                 emcy.resolve(EmcyCode.RPDO_TIMEOUT)
-        if self.state is not State.OPERATION_ENABLED or self.mode not in _LOOP:
+        if self.state is not State.OPERATION_ENABLED or self._loop is None:
             return
         now_ns, period_ns = self.clock.now_ns(), self.parameters.period_ns
         if fresh:
@@ -222,23 +223,22 @@ class Drive(NodeApplication):
         self.state = State.OPERATION_ENABLED
         self._missing = 0
         self.process_data.seed()
-        if self.mode in CYCLIC_MODES:
-            self.axis.expect_sync(self.clock.now_ns() + MISSED_PERIODS * self.parameters.period_ns)
+        deadline_ns = self.clock.now_ns() + MISSED_PERIODS * self.parameters.period_ns
+        self.axis.expect_sync(None if self._loop is None else deadline_ns)
         self._resume()
 
     def _resume(self) -> None:
         """The axis follows its set points, or holds: halted, no cyclic mode."""
         self._after_stop = None
         self._holding = False
-        loop = _LOOP.get(self.mode)
         if self._controlword & Control.HALT:
             quick = self.parameters.option(0x605D) == 2
             ramp = self.parameters.quick_stop_deceleration if quick else self.parameters.deceleration
             self.axis.stop(ramp, report=False)
-        elif loop is None:
+        elif self._loop is None:
             self.axis.stop(self.parameters.deceleration, report=False)
         else:
-            self.axis.run(loop, self.parameters.quick_stop_deceleration)
+            self.axis.run(self._loop, self.parameters.quick_stop_deceleration)
 
     def _quick_stop(self) -> None:
         option = self.parameters.quick_stop
@@ -318,11 +318,10 @@ class Drive(NodeApplication):
 
     def statusword(self) -> int:
         """6041h as it is now."""
-        status = Status.VOLTAGE_ENABLED | Status.REMOTE
-        return statusword_of(self.state, status | self._status_bits())
+        return statusword_of(self.state, Status.VOLTAGE_ENABLED | Status.REMOTE | self._status_bits())
 
     def _status_bits(self) -> int:
-        bits = int(Status.INTERNAL_LIMIT) if self._flags & self.process_data.LIMITED else 0
+        bits = Status.INTERNAL_LIMIT if self._flags & LIMITED else 0
         if self._following_error:
             bits |= Status.FOLLOWING_ERROR
         if self.state is not State.OPERATION_ENABLED:
@@ -334,23 +333,23 @@ class Drive(NodeApplication):
             return bits | self.homing.status
         if self._after_stop is not None or self._holding or self._controlword & Control.HALT:
             return bits | (Status.TARGET_REACHED if self.process_data.standing else 0)
-        if self.mode in _LOOP:
+        if self._loop is not None:
             bits |= Status.FOLLOWS_TARGET
-            if self.process_data.target_reached(self.mode):
+            if self.process_data.target_reached():
                 bits |= Status.TARGET_REACHED
         return bits
 
     def _error_code(self) -> int:
         if self._fault_code is not None:
             return self._fault_code
-        active = self.node.emcy.active
-        return active[-1] if active else 0
+        return next(reversed(self.node.emcy.errors), 0)
 
     def _on_limits(self) -> None:
         self.axis.limit(self.parameters.limits)
 
     def _on_mode(self, value: Value) -> None:
         self.mode = Mode(int(value))
+        self._loop = _LOOP.get(self.mode)
         self.homing.reset()
         self.process_data.set_mode(self.mode)
         if self.state is State.OPERATION_ENABLED and self._after_stop is None:

@@ -112,8 +112,9 @@ class MasterSupervision:
         for axis in self._axes:
             if axis.phase in SUPERVISED:
                 axis.missed_syncs += 1
-                if axis.missed_syncs > self._late_syncs:
-                    text = f"no TPDO1 for {axis.missed_syncs - 1} SYNC, NMT state {_nmt_name(axis.nmt_state)}"
+                unanswered = axis.missed_syncs - 1  # the answer to this SYNC cannot be there yet
+                if unanswered > self._late_syncs:
+                    text = f"no TPDO1 for {unanswered} SYNC, NMT state {_nmt_name(axis.nmt_state)}"
                     self._report(axis, EventKind.FEEDBACK_LATE, text)
 
     def _on_boot_up(self, axis: AxisClient) -> None:

@@ -9,7 +9,6 @@ from enum import IntEnum
 from drivers.canopen.abort import AbortCode, SdoAbort
 from drivers.canopen.dictionary import ObjectDictionary
 from drivers.cia402.bank import AxisLimits
-from drivers.cia402.states import Mode
 from drivers.objects import Value
 
 I32_MIN, I32_MAX, U32_MAX = -(1 << 31), (1 << 31) - 1, (1 << 32) - 1
@@ -19,7 +18,6 @@ _MUST_BE_POSITIVE = (0x607F, 0x6084, 0x6085, 0x60C5)
 _SLOWEST = 1e-6
 HOMING_METHODS = (35, 37)
 """Both: the current position becomes the home position; 35 is the older number of 37."""
-CYCLIC_MODES = (Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY, Mode.CYCLIC_TORQUE)
 
 
 class AbortConnection(IntEnum):

@@ -16,6 +16,8 @@ from stack.servo.limiter import (
     LIMITED_VELOCITY,
 )
 
+LIMITED = LIMITED_POSITION | LIMITED_VELOCITY | LIMITED_ACCELERATION | LIMITED_TORQUE
+"""Flags of the loops that make statusword bit 11."""
 _TURN = 1 << 32
 _REACHED = 0.01
 """Target reached: within this fraction of the following error window, or of the highest velocity or torque."""
@@ -28,8 +30,6 @@ class ProcessData:
 
     Positions wrap on the wire as its 32 bits do; an axis without position limits may turn on for ever.
     """
-
-    LIMITED = LIMITED_POSITION | LIMITED_VELOCITY | LIMITED_ACCELERATION | LIMITED_TORQUE
 
     def __init__(self, dictionary: ObjectDictionary, axis: BankAxis, parameters: DriveParameters) -> None:
         self._dictionary = dictionary
@@ -108,15 +108,15 @@ class ProcessData:
         """The axis does not move."""
         return abs(self.velocity()) <= _REACHED * int(self._velocity_limit.value)
 
-    def target_reached(self, mode: Mode) -> bool:
+    def target_reached(self) -> bool:
         """Statusword bit 10 of a cyclic mode."""
         if self._target is None:
             return False
         wire = int(self._target.value)
-        if mode is Mode.CYCLIC_POSITION:
+        if self._mode is Mode.CYCLIC_POSITION:
             distance = (self.position() - wire + _TURN // 2) % _TURN - _TURN // 2
             return abs(distance) <= _REACHED * int(self._window.value)
-        if mode is Mode.CYCLIC_VELOCITY:
+        if self._mode is Mode.CYCLIC_VELOCITY:
             return abs(self.velocity() - wire) <= _REACHED * int(self._velocity_limit.value)
         return abs(self.torque() - wire) <= _REACHED * int(self._torque_limit.value)
 

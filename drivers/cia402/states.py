@@ -6,8 +6,8 @@ reset in FAULT; in any other state it holds up the commands that lead to power (
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum, IntFlag
-from typing import NamedTuple
+from enum import Enum, IntEnum
+from typing import Final, NamedTuple
 
 
 class State(Enum):
@@ -44,31 +44,31 @@ class Event(Enum):
     FAULT_RESET = "rising edge of controlword bit 7"
 
 
-class Control(IntFlag):
-    """Bits of the controlword 6040h."""
+class Control:
+    """Bits of the controlword 6040h. Plain integers: these are looked at in every SYNC."""
 
-    SWITCH_ON = 1 << 0
-    ENABLE_VOLTAGE = 1 << 1
-    QUICK_STOP = 1 << 2
+    SWITCH_ON: Final = 1 << 0
+    ENABLE_VOLTAGE: Final = 1 << 1
+    QUICK_STOP: Final = 1 << 2
     """0 stops."""
-    ENABLE_OPERATION = 1 << 3
-    START_HOMING = 1 << 4
-    FAULT_RESET = 1 << 7
-    HALT = 1 << 8
+    ENABLE_OPERATION: Final = 1 << 3
+    START_HOMING: Final = 1 << 4
+    FAULT_RESET: Final = 1 << 7
+    HALT: Final = 1 << 8
 
 
-class Status(IntFlag):
+class Status:
     """Bits of the statusword 6041h that do not show the state."""
 
-    VOLTAGE_ENABLED = 1 << 4
-    WARNING = 1 << 7
-    REMOTE = 1 << 9
-    TARGET_REACHED = 1 << 10
-    INTERNAL_LIMIT = 1 << 11
-    FOLLOWS_TARGET = 1 << 12
-    HOMING_ATTAINED = 1 << 12
-    FOLLOWING_ERROR = 1 << 13
-    HOMING_ERROR = 1 << 13
+    VOLTAGE_ENABLED: Final = 1 << 4
+    WARNING: Final = 1 << 7
+    REMOTE: Final = 1 << 9
+    TARGET_REACHED: Final = 1 << 10
+    INTERNAL_LIMIT: Final = 1 << 11
+    FOLLOWS_TARGET: Final = 1 << 12
+    HOMING_ATTAINED: Final = 1 << 12
+    FOLLOWING_ERROR: Final = 1 << 13
+    HOMING_ERROR: Final = 1 << 13
 
 
 class Mode(IntEnum):

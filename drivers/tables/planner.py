@@ -36,7 +36,9 @@ class Coordination(IntEnum):
     ARM_ONLY = 2
 
 
-MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE = range(0x2000, 0x2008)
+MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE, JOINT_LIMIT_RULES = range(
+    0x2000, 0x2009
+)
 PREFERRED_CONFIGURATION, HEIGHTS, WIDTHS, WEIGHTS, PLATFORM = range(0x2010, 0x2015)
 CONFIGURATION, TCP_POSITION, TCP_ROTATION_VECTOR = range(0x2020, 0x2023)
 SINGULAR_VALUES, MANIPULABILITY = range(0x2030, 0x2032)
@@ -80,6 +82,7 @@ def _parameters() -> list[ObjectDef]:
         ObjectDef(PHASE, 0, "Phase", U8, Access.RO, 0, mappable=True),
         ObjectDef(RESTRICTIONS, 0, "Restrictions", U16, Access.RO, 0, mappable=True),
         ObjectDef(NULL_SPACE_MOTION, 0, "Null space motion", U8, Access.RW, 1, low=0, high=1),
+        ObjectDef(JOINT_LIMIT_RULES, 0, "Joint limit rules", U8, Access.RW, 1, low=0, high=1),
         ObjectDef(STATUS, 0, "Status", U8, Access.RO, 0, mappable=True),
         ObjectDef(PATH_SCALE, 0, "Path scale", U16, Access.RO, PATH_SCALE_ONE, mappable=True, scale=1 / PATH_SCALE_ONE),
         # joint 2 is the lift: metres where the others have radians

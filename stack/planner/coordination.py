@@ -16,7 +16,7 @@ from stack.kinematics.platform import platform_columns
 from stack.messages import Restriction, Vector
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
-from stack.planner.parameters import Limits, Method, PlannerParameters
+from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
 from stack.planner.preferences import preferred_velocity
 from stack.planner.problem import Matrix, Problem, Status
 from stack.planner.resolvers import RESOLVERS
@@ -127,8 +127,10 @@ class Coordinator:
             extended = np.hstack((model.end_point_jacobian, columns))
             bounds = self.robot_table[6]
             whole = self._by_name(parameters, extended, twist, parameters.preferences.weights, z, -bounds, bounds)
-        period = parameters.arm_period_s * parameters.arm_cycles_per_platform_cycle
-        command = accelerated(PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1])), rate, limits, period)
+        wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
+        unified = parameters.coordination is Coordination.UNIFIED
+        period = parameters.arm_period_s if unified else parameters.platform_period_s
+        command = accelerated(wanted, rate, limits, period)
         arm = ArmCommand(whole.dq[:n].copy(), whole.scale, whole.status, whole.restrictions, whole.sigma)
         return arm, command
 

@@ -75,14 +75,15 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannerParameters:
-    """All of it. `arm_period_ns`: the SYNC period; a platform cycle takes `arm_cycles_per_platform_cycle` of them.
+    """All of it. `arm_period_ns`: the SYNC period; `platform_cycles_per_arm_cycle` in (0, 1], e.g. 20 Hz / 100 Hz = 0.2.
 
     `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `tracker_gain`: weight of one TCP
-    measurement in the drift estimate; `epsilon`: propping threshold (2.139).
+    measurement in the drift estimate; `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from
+    the path beyond which the path begins to wait, at twice of which it stands.
     """
 
     arm_period_ns: int
-    arm_cycles_per_platform_cycle: int
+    platform_cycles_per_arm_cycle: float
     preferences: Preferences
     limits: Limits
     method: Method = Method.PNS
@@ -92,6 +93,8 @@ class PlannerParameters:
     correction_gain: float = 20.0
     tracker_gain: float = 0.25
     epsilon: float = 0.02
+    patience_m: float = 0.005
+    patience_rad: float = 0.01
     twist_timeout_ns: int = 150_000_000
     twist_smoothing_s: float = 0.03
     speed_smoothing_s: float = 0.25
@@ -100,6 +103,16 @@ class PlannerParameters:
     @property
     def arm_period_s(self) -> float:
         return self.arm_period_ns * 1e-9
+
+    @property
+    def platform_period_s(self) -> float:
+        """Mean time between platform cycles."""
+        return self.arm_period_s / self.platform_cycles_per_arm_cycle
+
+    def platform_cycle_due(self, cycle: int) -> bool:
+        """Whether arm cycle number `cycle` holds a platform cycle; their mean rate is exact for any ratio."""
+        ratio = self.platform_cycles_per_arm_cycle
+        return int((cycle + 1) * ratio + 1e-9) > int(cycle * ratio + 1e-9)
 
 
 def flat(n: int, value: float) -> Vector:

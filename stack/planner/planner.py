@@ -157,19 +157,22 @@ class Planner:
         T_RO = state.drift.T_RO
         X_1 = state.X_RE if state.X_RE is not None else T_RO @ arm_in_odometry(*pose_1, self.base, model.pose)
         desired_1 = desired_in_arm(T_RO, *pose_1, self.base, X_1)
-        deviation = parameters.correction_gain * body_twist(model.pose, desired_1)
+        off = body_twist(model.pose, desired_1)
+        deviation = parameters.correction_gain * off
+        patience = _patience(off, parameters)
         fade = window((inputs.t_ns - state.began_ns) * 1e-9, parameters.window_s)
         platform, due, arm = PlatformCommand(PlatformRate(0.0, 0.0)), False, None
         if inputs.mode is Mode.COORDINATED and parameters.coordination is not Coordination.ARM_ONLY:
-            due = unified or _platform_cycle_due(state.cycle, parameters)
+            due = unified or parameters.platform_cycle_due(state.cycle)
             platform = PlatformCommand(state.rate)
             if due:
                 wanted = command.twist + deviation if unified else command.twist
                 arm, platform = self.coordinator.robot_cycle(model, wanted, command.slow, state.rate, fade, parameters)
         if arm is None or not unified:
-            X_2 = moved(X_1, command.twist, period)
+            X_2 = moved(X_1, patience * command.twist, period)
             relative = body_twist(desired_1, desired_in_arm(T_RO, *pose_2, self.base, X_2)) / period
             arm = self.coordinator.arm_cycle(model, relative + deviation, state.dq, fade, parameters)
+        arm = replace(arm, scale=arm.scale * patience)
         X_2 = moved(X_1, command.twist * arm.scale, period)
         return self._send(
             replace(state, command=command), inputs, parameters, measured, arm, platform, X_2, due,
@@ -185,12 +188,11 @@ class Planner:
         command = state.command.update(inputs.twist, parameters)
         wanted = PlatformRate(float(command.twist[0]), float(command.twist[5]))
         commanded = advance(state.commanded, wanted.v * period, wanted.omega * period)
-        due = _platform_cycle_due(state.cycle, parameters)
+        due = parameters.platform_cycle_due(state.cycle)
         platform = PlatformCommand(state.rate)
         if due:
-            cycle = period * parameters.arm_cycles_per_platform_cycle
             rate = following(wanted, state.commanded, state.odometry.ahead(1, period))
-            platform = accelerated(rate, state.rate, parameters.limits, cycle)
+            platform = accelerated(rate, state.rate, parameters.limits, parameters.platform_period_s)
         carried = arm_in_odometry(*commanded, self.base, self.arm.pose(state.q_next))
         return self._send(
             replace(state, command=command), inputs, parameters, measured, ArmCommand.holding(self.arm.n), platform,
@@ -252,8 +254,12 @@ def _poses_ahead(state: PlannerState, period: float, *, obeys: bool) -> tuple[Pl
     return state.odometry.ahead(1, period), state.odometry.ahead(2, period)
 
 
-def _platform_cycle_due(cycle: int, parameters: PlannerParameters) -> bool:
-    return cycle % parameters.arm_cycles_per_platform_cycle == 0
+def _patience(off: Vector, parameters: PlannerParameters) -> float:
+    """Share of the commanded twist, 1 to 0, while the set points are `off` (6,) the path by more than they should: an arm that
+    cannot follow makes the path wait, wherever it is, instead of cutting the corner later."""
+    position, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+    worst = max(position / parameters.patience_m, angle / parameters.patience_rad)
+    return min(1.0, max(0.0, 2.0 - worst))
 
 
 def _staleness(inputs: PlannerInputs) -> Restriction:

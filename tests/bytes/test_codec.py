@@ -130,8 +130,8 @@ def test_a_value_that_the_wire_cannot_carry_is_limited_and_reported(axis, sign):
     frames, was_limited = TWIST.encode(TwistCommand(twist, 0))
     received = feed(TWIST, frames)[-1].twist
     assert was_limited
-    assert np.sign(received[axis]) == sign
-    assert abs(received[axis]) >= (1.638 if axis < 3 else 3.27)
+    raw = 32767 if sign > 0 else -32768
+    assert received[axis] == pytest.approx(raw * (50e-6 if axis < 3 else 1e-4), rel=1e-12)
     assert np.count_nonzero(received) == 1
 
 

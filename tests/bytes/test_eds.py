@@ -56,7 +56,7 @@ def test_canopen_reads_every_object(name, device):
 
 @CASES
 def test_canopen_knows_the_pdos(name, device):
-    node = canopen.RemoteNode(device.node_id, str(CHECKED_IN / name))
+    node = canopen.Network().add_node(device.node_id, str(CHECKED_IN / name))
     for pdo in device.pdos:
         maps = node.rpdo if pdo.kind is PdoKind.RPDO else node.tpdo
         maps[pdo.number].read(from_od=True)

@@ -55,9 +55,10 @@ def crossing(lower: Vector, upper: Vector) -> str:
 
 def within(dq: Vector, lower: Vector, upper: Vector) -> Vector:
     """dq (n,) clipped into its bounds; where they cross, the middle between them."""
-    middle = 0.5 * (lower + upper)
+    clipped: Vector = np.minimum(np.maximum(dq, lower), upper)
     crossed = lower > upper
-    clipped: Vector = np.minimum(np.maximum(dq, np.where(crossed, middle, lower)), np.where(crossed, middle, upper))
+    if crossed.any():
+        clipped[crossed] = 0.5 * (lower + upper)[crossed]
     return clipped
 
 

@@ -2,7 +2,7 @@
 
 Remedies that keep it well conditioned: the command is normalised, `eᵀt = ‖ẋ‖` on solutions for the unit command, so that nothing jumps as
 ẋ goes to zero and a fictitious command with `eᵀt = 0` takes over; the columns of S are scaled to unit length before G is formed;
-subsystems with large solutions (near-singular ones) are used only where no others are left; a singular J is propped first (2.139).
+subsystems with large solutions (near-singular ones) are used only where no others are left; a singular J is propped first (2.139) and the command damped in the directions where it was.
 """
 
 from __future__ import annotations
@@ -189,15 +189,15 @@ def resolve(problem: Problem) -> Solution:
     p = problem
     m = p.J.shape[0]
     u, sigma, vt = decompose(p.J)
-    jacobian = p.J
+    jacobian, into_strong = p.J, np.eye(m)
     if sigma[-1] < p.epsilon:
         propped = np.array([prop(value, p.epsilon) for value in sigma])
-        jacobian = (u * propped) @ vt[:m]
+        jacobian, into_strong = (u * propped) @ vt[:m], (u * (sigma / propped)) @ u.T
     reduced = reduce_system(jacobian)
     lengths = np.sqrt(np.einsum("ij,ji->i", p.A, np.linalg.solve(p.B, p.A.T)))
 
     def respond(xdot: Vector, z: Vector, b: Vector) -> tuple[Vector, Vector, bool]:
-        offset, columns, condition, total = parameterize(jacobian, reduced, xdot)
+        offset, columns, condition, total = parameterize(jacobian, reduced, into_strong @ xdot)
         if columns.shape[1] == 0:
             columns, condition = np.zeros((p.J.shape[1], 0)), np.zeros(0)
             unconstrained, metric = offset, np.zeros_like(p.B)

@@ -6,7 +6,7 @@ import numpy as np
 
 from stack.planner.problem import Problem, Solution, Vector
 from stack.planner.resolvers.answer import answer
-from stack.planner.resolvers.decomposition import decompose, prop
+from stack.planner.resolvers.decomposition import damped_inverse, decompose
 from stack.planner.resolvers.row_correction import RowCorrection
 
 
@@ -16,7 +16,7 @@ def resolve(problem: Problem) -> Solution:
     p = problem
     m = p.J.shape[0]
     u, sigma, vt = decompose(p.J)
-    inverse = vt[:m].T @ (u.T / np.array([prop(value, p.epsilon) for value in sigma])[:, None])
+    inverse = vt[:m].T @ (u.T * np.array([damped_inverse(value, p.epsilon) for value in sigma])[:, None])
     projector = vt[m:].T @ vt[m:]
     correction = RowCorrection(projector, p.A, np.linalg.norm(p.A, axis=1), p.epsilon_restriction)
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from stack.messages import Matrix, Vector
-from stack.planner.resolvers.decomposition import orthogonalise, prop
+from stack.planner.resolvers.decomposition import damped_inverse, orthogonalise, prop
 from stack.servo.compiled import compiled
 
 _DEPENDENT = 1e-9
@@ -19,7 +19,7 @@ _DEPENDENT = 1e-9
 
 @compiled
 def particular(u: Matrix, sigma: Vector, vt: Matrix, xdot: Vector, epsilon: float) -> tuple[Vector, bool]:
-    """q̇_p = J⁺ẋ (n,) with singular values propped below ε (2.139), and whether any was."""
+    """q̇_p = J⁺ẋ (n,) with singular values damped below ε (2.139, see `damped_inverse`), and whether any was."""
     m = sigma.shape[0]
     n = vt.shape[1]
     result = np.zeros(n)
@@ -28,7 +28,7 @@ def particular(u: Matrix, sigma: Vector, vt: Matrix, xdot: Vector, epsilon: floa
         dot = 0.0
         for j in range(m):
             dot += u[j, i] * xdot[j]
-        dot /= prop(sigma[i], epsilon)
+        dot *= damped_inverse(sigma[i], epsilon)
         for j in range(n):
             result[j] += dot * vt[i, j]
         propped = propped or sigma[i] < epsilon

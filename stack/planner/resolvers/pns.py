@@ -87,7 +87,7 @@ def reference(
     m = jacobian.shape[0]
     u, sigma, vt = np.linalg.svd(jacobian)
     propped = np.where(sigma < epsilon, (sigma**2 + epsilon**2) / (2.0 * epsilon), sigma)
-    dq_particular = vt[:m].T @ ((u.T @ xdot) / propped)
+    dq_particular = vt[:m].T @ ((u.T @ xdot) * sigma / propped**2)
     base = vt[m:].T
     gram = base.T @ weight @ base
     w0 = np.linalg.solve(gram, base.T @ weight @ (z - dq_particular))

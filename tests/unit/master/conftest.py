@@ -94,6 +94,7 @@ class Cell(NodeApplication):
         self.clock = LockstepClock()
         self.bus = LockstepBus(self.clock, intercept=self._intercept)
         self.plant = LinearPlant()
+        self.load = LOAD
         self.bank = DriveBank(servo_parameters(), self.plant, TICK_NS)
         catalogue = devices()
         shipped = drive_devices or {}
@@ -185,7 +186,7 @@ class Cell(NodeApplication):
 
 def hold(cell: Cell) -> tuple[Vector, Vector] | None:
     """Targets as they last went out, with the load carried by the torque offsets."""
-    return cell.master.targets(), LOAD
+    return cell.master.targets(), cell.load
 
 
 @pytest.fixture

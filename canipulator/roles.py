@@ -1,0 +1,131 @@
+"""The roles of a run, each a set of nodes on the bus: the simulated robot, the planner, the strategic layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from config.mission import build_mission
+from config.robot import Robot, planner_parameters
+from config.scenario import Scenario
+from drivers.bus.base import Bus
+from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
+from drivers.cia402.bank import DriveBank
+from drivers.cia402.device import Drive
+from drivers.clock import Clock
+from drivers.planner_node import PlannerNode
+from drivers.sensor_node import ForceSensorNode, TrackerNode
+from drivers.strategic_node import StrategicNode
+from logs.events import Level
+from sim.physics import PhysicsParameters
+from sim.slip import SlipParameters
+from sim.tracker import Tracker, TrackerParameters
+from sim.wheel_plant import WheelPlantParameters
+from sim.world import World, WorldParameters
+from stack.kinematics.platform import platform_of
+from stack.kinematics.robot_file import robot_directory
+from stack.planner.planner import Planner
+
+TICK_NS = 1_000_000
+OnEvent = Callable[[Level, str, str], None]
+"""(level, source, text)."""
+
+
+@dataclass
+class SimulatedRobot:
+    """World, ten drives and the sensors. `tick` moves all of it by one millisecond."""
+
+    world: World
+    bank: DriveBank
+    drives: list[Drive]
+    force_sensor: ForceSensorNode
+    tracker: TrackerNode | None
+    clock: Clock
+
+    def power_on(self) -> None:
+        """Boots every node and starts the physics."""
+        for node in (*(drive for drive in self.drives), self.force_sensor.node):
+            node.power_on()
+        if self.tracker is not None:
+            self.tracker.node.power_on()
+        self._next_ns = self.clock.now_ns() + TICK_NS
+        self.clock.call_at(self._next_ns, self._tick)
+
+    def _tick(self) -> None:
+        now_ns = self._next_ns
+        self.world.step()
+        self.bank.tick(now_ns)
+        self._next_ns = now_ns + TICK_NS
+        self.clock.call_at(self._next_ns, self._tick)
+
+
+def simulated_robot(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus) -> SimulatedRobot:
+    """The robot of the scenario at its start, nothing powered yet."""
+    platform = platform_of(robot.arm)
+    start = scenario.start
+    parameters = WorldParameters(
+        physics=PhysicsParameters(step_s=TICK_NS * 1e-9),
+        wheels=WheelPlantParameters(peak_torque=platform.wheel_peak_effort),
+        slip=SlipParameters(sigma=scenario.slip.sigma, tau_s=scenario.slip.tau_s),
+        home=tuple(start.configuration if start.configuration is not None else robot.arm.home),
+        start=(start.x_m, start.y_m, start.heading_rad),
+    )
+    world = World(robot_directory(scenario.robot) / "robot.urdf", parameters, scenario.seed)
+    bank = DriveBank(robot.servo, world.plant, TICK_NS)
+    devices = robot.devices
+    drives = [Drive(devices[node_id], clock, bus, bank, axis) for axis, node_id in enumerate(DRIVE_IDS)]
+    sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, lambda: world.force_sensor.read())
+    tracker = _tracker(robot, scenario, world, clock, bus) if scenario.feedback.rate_hz > 0.0 else None
+    return SimulatedRobot(world, bank, drives, sensor, tracker, clock)
+
+
+def _tracker(robot: Robot, scenario: Scenario, world: World, clock: Clock, bus: Bus) -> TrackerNode:
+    feedback = scenario.feedback
+    parameters = TrackerParameters(feedback.rate_hz, feedback.latency_s, feedback.noise_m, feedback.noise_rad)
+    camera = Tracker(parameters, scenario.seed, TICK_NS)
+    return TrackerNode(
+        robot.devices[TRACKER_ID],
+        clock,
+        bus,
+        lambda t_ns: camera.expose(t_ns, world.physics.pose_WE()),
+        camera.deliver,
+        period_ns=camera.period_ns,
+        latency_ns=camera.latency_ns,
+    )
+
+
+def planner_role(
+    robot: Robot,
+    scenario: Scenario,
+    clock: Clock,
+    bus: Bus,
+    on_event: OnEvent,
+    stopwatch: Callable[[], int] | None = None,
+) -> PlannerNode:
+    """Node 2, nothing powered yet."""
+    devices = robot.devices
+    others = [STRATEGIC_ID, FORCE_SENSOR_ID, TRACKER_ID]
+    return PlannerNode(
+        devices[PLANNER_ID],
+        [devices[node_id] for node_id in DRIVE_IDS],
+        others,
+        clock,
+        bus,
+        Planner(robot.arm, robot.limits),
+        planner_parameters(robot, scenario),
+        lambda level, text: on_event(Level[level.upper()], "planner", text),
+        stopwatch,
+    )
+
+
+def strategic_role(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus, on_event: OnEvent) -> StrategicNode:
+    """Node 1 with the scenario's mission, nothing powered yet."""
+    devices = robot.devices
+    return StrategicNode(
+        devices[STRATEGIC_ID],
+        devices[PLANNER_ID],
+        clock,
+        bus,
+        build_mission(scenario, robot.arm.n),
+        lambda text: on_event(Level.INFO, "strategic", text),
+    )

@@ -1,0 +1,337 @@
+"""One lockstep run: roles on one bus, one event loop in virtual time, files, metrics, verdict."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
+from config.errors import ConfigError
+from config.load import dump_scenario
+from config.robot import Robot, load_robot
+from config.scenario import Scenario
+from drivers.bus.lockstep import LockstepBus
+from drivers.clock import LockstepClock
+from drivers.planner_node import PlannerNode
+from drivers.strategic_node import StrategicNode
+from logs.bus_log import BusLogWriter
+from logs.events import Level
+from logs.expectations import Expectation
+from logs.metrics import Metrics, RunFacts, evaluate
+from logs.recorder import RunInfo
+from logs.run_log import RunLog
+from logs.summary import summary
+from stack.messages import Truth
+from stack.strategic.mission import Stage
+
+OK, EXPECTATION_MISSED, INTERRUPTED = 0, 1, 130
+SETTLE_NS = 300_000_000
+"""How long a run goes on after its mission has ended: the planner comes to rest and switches the drives off."""
+CHUNK_NS = 100_000_000
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run, beside what the scenario says. `duration_s` cuts it short and leaves the expectations unjudged."""
+
+    out: Path | None = None
+    duration_s: float | None = None
+    record: bool = True
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is left of a run: its folder, its metrics as in metrics.json, and the exit code."""
+
+    directory: Path
+    metrics: dict[str, Any]
+    exit_code: int
+
+
+def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:
+    """Runs to the end of the mission, the scenario's duration, or Ctrl-C; every file is closed and readable whatever ends it.
+
+    Raises ConfigError for what cannot be run, OSError where files cannot be written, KeyboardInterrupt after having saved everything.
+    """
+    robot = load_robot(scenario.robot)
+    _check(scenario, robot)
+    directory = _directory(scenario, options)
+    (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
+    with _LockstepRun(scenario, robot, options, directory) as run:
+        interrupted = run.go()
+    metrics = run.metrics(judged=options.duration_s is None and not interrupted)
+    (directory / "metrics.json").write_text(metrics.to_json(), encoding="utf-8")
+    if not options.quiet:
+        _show(metrics, directory, options)
+    if interrupted:
+        raise KeyboardInterrupt
+    return Outcome(directory, metrics.as_dict(), OK if metrics.ok else EXPECTATION_MISSED)
+
+
+class _LockstepRun:
+    """Everything that lives while a run goes on; a context manager that closes it."""
+
+    def __init__(self, scenario: Scenario, robot: Robot, options: RunOptions, directory: Path) -> None:
+        self.scenario, self.robot, self.options, self.directory = scenario, robot, options, directory
+        self.clock = LockstepClock()
+        self.bus = LockstepBus(self.clock, scenario.bus.bitrate, queue_limit=scenario.bus.queue_frames)
+        self.faults: list[str] = []
+        self.wall_s = self.physics_s = 0.0
+        self.period_ns = round(1e9 / scenario.planner.arm_cycle_hz)
+        self.finished_ns: int | None = None
+        self.first: Truth | None = None
+        self.last: Truth | None = None
+        self.bus_log = BusLogWriter(directory / "bus.log", clock=self.clock, on_error=self._on_log_error)
+        self.log = RunLog(
+            robot.devices.values(),
+            scenario.robot,
+            RunInfo(
+                scenario.name,
+                scenario.seed,
+                scenario.planner.method,
+                scenario.planner.coordination,
+                _revision(),
+                _flat(scenario.model_dump(mode="json", exclude_none=True)),
+            ),
+            sync_period_ns=self.period_ns,
+            bitrate=scenario.bus.bitrate,
+            platform_ratio=self._platform_ratio,
+            recording=directory / "run.rrd" if options.record else None,
+            event_log=directory / "events.log",
+        )
+        self.bus.observe(self.bus_log)
+        self.bus.observe(self.log.on_frame)
+        self.sim: SimulatedRobot = simulated_robot(robot, scenario, self.clock, self.bus)
+        self.planner: PlannerNode = planner_role(
+            robot, scenario, self.clock, self.bus, self._on_event, time.perf_counter_ns
+        )
+        self.strategic: StrategicNode = strategic_role(robot, scenario, self.clock, self.bus, self._on_event)
+        self._time_physics()
+
+    def __enter__(self) -> _LockstepRun:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bus_log.close()
+        self.log.close()
+        self.sim.world.close()
+
+    def go(self) -> bool:
+        """Runs to the end; True when Ctrl-C ended it."""
+        end_ns = round(1e9 * (self.options.duration_s or self.scenario.duration_s))
+        self.sim.power_on()
+        self.strategic.node.power_on()
+        self.planner.power_on()
+        self._sample()
+        began = time.perf_counter()
+        try:
+            with _collector_off(), self._progress(end_ns) as advance:
+                while (now_ns := self.clock.now_ns()) < end_ns and not self._done():
+                    self.clock.run_until(min(now_ns + CHUNK_NS, end_ns))
+                    advance(self.clock.now_ns())
+        except KeyboardInterrupt:
+            self._on_event(Level.WARN, "run", "interrupted")
+            return True
+        finally:
+            self.wall_s = time.perf_counter() - began
+        return False
+
+    def _done(self) -> bool:
+        """Some time after the mission's end: the planner has come to rest by then."""
+        if self.strategic.stage not in (Stage.FINISHED, Stage.FAILED):
+            return False
+        if self.finished_ns is None:
+            self.finished_ns = self.clock.now_ns()
+        return self.clock.now_ns() >= self.finished_ns + SETTLE_NS
+
+    def _sample(self) -> None:
+        """Truth at every multiple of the SYNC period, after the physics of that instant."""
+        now_ns = self.clock.now_ns()
+        truth = self.sim.world.truth(now_ns)
+        self.first = self.first or truth
+        self.last = truth
+        self.log.on_truth(truth)
+        self.clock.call_at(now_ns + self.period_ns, self._sample, priority=5)
+
+    def _time_physics(self) -> None:
+        """A stop watch around the bare physics step: what `physics_only_real_time_factor` is made of."""
+        step, watch = self.sim.world.physics_step, time.perf_counter
+
+        def timed() -> None:
+            began = watch()
+            step()
+            self.physics_s += watch() - began
+
+        self.sim.world.physics_step = timed
+
+    def _on_event(self, level: Level, source: str, text: str) -> None:
+        self.log.on_event(self.clock.now_ns(), level, source, text)
+        if level >= Level.ERROR:
+            self.faults.append(f"{source}: {text}")
+
+    def _on_log_error(self, error: OSError) -> None:
+        self._on_event(Level.ERROR, "bus.log", f"{error.strerror}: frames from here on are not in bus.log")
+
+    @contextlib.contextmanager
+    def _progress(self, end_ns: int) -> Iterator[Any]:
+        """A bar on stderr for people, nothing for pipes."""
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[at]}"), TimeElapsedColumn())
+        console = Console(stderr=True)
+        with Progress(*columns, console=console, transient=True, disable=self.options.quiet) as bar:
+            task = bar.add_task(self.scenario.name, total=end_ns, at="")
+
+            def advance(now_ns: int) -> None:
+                bar.update(task, completed=now_ns, at=f"{now_ns * 1e-9:.1f} s {self.planner.phase.name.lower()}")
+
+            yield advance
+
+    @property
+    def _platform_ratio(self) -> int:
+        return round(self.scenario.planner.arm_cycle_hz / self.scenario.planner.platform_cycle_hz)
+
+    def metrics(self, *, judged: bool) -> Metrics:
+        """The numbers of the run, with the scenario's expectations if they are to be judged. Call after closing."""
+        scenario = self.scenario
+        sim_s = self.clock.now_ns() * 1e-9
+        statistics = self.bus.statistics()
+        overload = _overload(statistics.load_mean, statistics.frames_lost)
+        facts = RunFacts(
+            scenario=scenario.name,
+            seed=scenario.seed,
+            method=scenario.planner.method,
+            coordination=scenario.planner.coordination,
+            sim_time_s=sim_s,
+            wall_time_s=self.wall_s,
+            platform_ratio=self._platform_ratio,
+            physics_only_real_time_factor=sim_s / self.physics_s if self.physics_s > 0.0 else None,
+            arm_cycle_us=np.array(self.planner.cycle_ns) * 1e-3,
+            frames=statistics.frames,
+            frames_lost=statistics.frames_lost,
+            faults=(*overload, *self.faults),
+            recorder_fault=self.log.recorder_fault,
+            dropped_blocks=self.log.dropped_blocks,
+            extra=self._own_metrics(),
+        )
+        metrics = evaluate(self.log.table, self.robot.arm, facts)
+        if not judged:
+            return metrics
+        try:
+            return metrics.judged(_expectations(scenario))
+        except ValueError as error:
+            raise ConfigError(f"{scenario.name}: {error}") from None
+
+    def _own_metrics(self) -> dict[str, float | None]:
+        assert self.first is not None and self.last is not None  # `go` samples at once
+        moved = self.last.pose_WB[:2, 3] - self.first.pose_WB[:2, 3]
+        return {
+            "mission_finished": float(self.strategic.stage is Stage.FINISHED),
+            "path_progress": self.planner.path_progress,
+            "incomplete_cycles": float(self.planner.incomplete_cycles),
+            "platform_return_error_m": float(np.hypot(*moved)),
+        }
+
+
+def _check(scenario: Scenario, robot: Robot) -> None:
+    """What only scenario and robot together can say."""
+    start, arm = scenario.start.configuration, robot.arm
+    if start is None:
+        return
+    if len(start) != arm.n:
+        raise ConfigError(f"{scenario.name}: start.configuration has {len(start)} values, must have {arm.n}")
+    for i, q in enumerate(start):
+        if not arm.q_min[i] <= q <= arm.q_max[i]:
+            span = f"{arm.q_min[i]:.4g} to {arm.q_max[i]:.4g}"
+            raise ConfigError(
+                f"{scenario.name}: start.configuration.{i} = {q:g} ({arm.joint_names[i]}): must be within {span}"
+            )
+
+
+def _directory(scenario: Scenario, options: RunOptions) -> Path:
+    """The run's folder, made; `runs/<scenario>-<n>` with the next free n unless one was asked for."""
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        return options.out
+    for n in range(1, 1_000_000):
+        directory = Path("runs") / f"{scenario.name}-{n}"
+        with contextlib.suppress(FileExistsError):
+            directory.mkdir(parents=True)
+            return directory
+    raise ConfigError("runs/: too many runs; remove some, or give --out")
+
+
+def _expectations(scenario: Scenario) -> list[Expectation]:
+    found = []
+    for expect in scenario.expect:
+        if expect.max is not None:
+            found.append(Expectation(expect.metric, "<=", expect.max))
+        if expect.min is not None:
+            found.append(Expectation(expect.metric, ">=", expect.min))
+    return found
+
+
+def _overload(load_mean: float, frames_lost: int) -> tuple[str, ...]:
+    """A bus that cannot carry what is asked of it is a fault of its own, before all that follows from it."""
+    if load_mean < OVERLOAD and not frames_lost:
+        return ()
+    return (f"bus: overloaded, mean load {100.0 * load_mean:.0f} %, {frames_lost} frames lost",)
+
+
+OVERLOAD = 0.97
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, str | int | float | bool]:
+    """The resolved scenario as flat properties of the recording."""
+    flat: dict[str, str | int | float | bool] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, str | int | float | bool):
+            flat[prefix + key] = value
+    return flat
+
+
+def _revision() -> str:
+    """The project's git revision, empty outside a checkout."""
+    with contextlib.suppress(OSError):
+        answer = subprocess.run(
+            ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return answer.stdout.strip()
+    return ""
+
+
+@contextlib.contextmanager
+def _collector_off() -> Iterator[None]:
+    """No garbage collection inside the loop: nothing there makes cycles, and pauses would show in the cycle times."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _show(metrics: Metrics, directory: Path, options: RunOptions) -> None:
+    console = Console()
+    console.print(summary(metrics))
+    console.print(f"files      {directory}/  (bus.log, events.log, metrics.json, scenario.toml)", highlight=False)
+    if options.record:
+        console.print(f"recording  {directory / 'run.rrd'}  (canipulator view {directory})", highlight=False)
+
+
+__all__ = ["Outcome", "RunOptions", "run_scenario"]

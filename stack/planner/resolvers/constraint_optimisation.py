@@ -1,0 +1,190 @@
+"""Constraint optimisation through singularities (Schreiber, Otter, Hirzinger): one linearised step Δq of a task given as positions.
+
+A part of the task holds exactly (`ex`, usually translation), a part may give way (`ap`, usually orientation). With e_ap the error of the
+approximate part and r_ex that of the exact part at the linearisation point, Δx the commanded change since the last sample:
+
+    minimise   ‖α (J_ap Δq − e_ap)‖² + ‖β (J_ap Δq − Δx_ap (1 − ϑ))‖² + γ² ϑ² + δ² ‖Δq‖²          (24, 25, 34)
+    subject to J_ex Δq + Δx_ex ϑ = r_ex,   lower ≤ Δq ≤ upper,   0 ≤ ϑ ≤ 1                         (26-28; θ also in (26))
+               |e_ap − J_ap Δq| ≤ bound                                                            (optional)
+
+What cannot be met gives way in this order: the orientation bound, then time (ϑ), then translation; each is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import daqp
+import numpy as np
+
+from stack.messages import Matrix, Vector
+
+_OPTIMAL = 1
+_LAST_RESORT = 1e4
+
+
+class GaveWay(IntFlag):
+    """What a step had to give up, in the order in which it is given up."""
+
+    NOTHING = 0
+    ORIENTATION_BOUND = 1
+    TIME = 2
+    TRANSLATION = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """alpha: of the approximate error; beta: of its rate (β/α = 3 damps without leaving an error, 0 overshoots, β ≥ 10 α leaves one);
+    gamma: of time scaling, with the exact penalty `patience` on top: while the task can be met at a smaller cost, ϑ stays 0;
+    delta: of the step itself, which picks the smallest Δq where J is rank-deficient (keep it far below alpha)."""
+
+    alpha: float = 1.0
+    beta: float = 3.0
+    gamma: float = 1.0
+    patience: float = 1.0
+    delta: float = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OptimisedStep:
+    """delta_q (n,); time_scaling ϑ in [0, 1], which is also a task-dependent measure of dexterity; what gave way, also as a message."""
+
+    delta_q: Vector
+    time_scaling: float
+    gave_way: GaveWay
+    message: str
+
+
+def optimise_step(
+    exact: tuple[Matrix, Vector, Vector],
+    approximate: tuple[Matrix, Vector, Vector],
+    lower: Vector,
+    upper: Vector,
+    weights: Weights = Weights(),
+    error_bound: float = np.inf,
+) -> OptimisedStep:
+    """The best Δq since the last sample.
+
+    exact: (J_ex (m_ex, n), r_ex (m_ex,), Δx_ex (m_ex,)); approximate: (J_ap, e_ap, Δx_ap) likewise, either may have 0 rows;
+    lower, upper (n,): bounds of Δq from position, velocity and acceleration (`velocity_bounds` times the cycle time);
+    error_bound: largest component of what is left of e_ap. Never fails: bounds that cross are met in the middle.
+    """
+    middle = 0.5 * (lower + upper)
+    low, high = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
+    bounded = bool(np.isfinite(error_bound)) and approximate[1].size > 0
+    for hold_time, hold_bound in ((True, True), (True, False), (False, False)):
+        if hold_bound and not bounded:
+            continue
+        y = _solve(exact, approximate, low, high, weights, error_bound if hold_bound else np.inf, hold_time)
+        if y is not None:
+            return _step(y, exact, approximate, error_bound, low, high)
+    y = _solve_soft(exact, approximate, low, high, weights)
+    return _step(y, exact, approximate, error_bound, low, high)
+
+
+def _cost(
+    exact: tuple[Matrix, Vector, Vector], approximate: tuple[Matrix, Vector, Vector], weights: Weights
+) -> tuple[Matrix, Vector]:
+    """H and g of ½yᵀHy + gᵀy for y = (Δq, ϑ)."""
+    jacobian, error, change = approximate
+    n = exact[0].shape[1]
+    rows = np.vstack(
+        [
+            weights.alpha * np.column_stack([jacobian, np.zeros(error.size)]),
+            weights.beta * np.column_stack([jacobian, change]),
+            np.diag(np.append(np.full(n, weights.delta), weights.gamma)),
+        ]
+    )
+    target = np.concatenate([weights.alpha * error, weights.beta * change, np.zeros(n + 1)])
+    gradient = -rows.T @ target
+    gradient[-1] += weights.patience
+    return rows.T @ rows, gradient
+
+
+def _solve(
+    exact: tuple[Matrix, Vector, Vector],
+    approximate: tuple[Matrix, Vector, Vector],
+    low: Vector,
+    high: Vector,
+    weights: Weights,
+    error_bound: float,
+    hold_time: bool,
+) -> Vector | None:
+    """(Δq, ϑ) with the exact rows held, or None where that is impossible. hold_time: ϑ = 0."""
+    hessian, gradient = _cost(exact, approximate, weights)
+    rows, lower, upper = np.column_stack([exact[0], exact[2]]), exact[1], exact[1]
+    equalities = lower.size
+    if np.isfinite(error_bound):
+        limited = np.column_stack([approximate[0], np.zeros(approximate[1].size)])
+        rows = np.vstack([rows, limited])
+        lower = np.append(lower, approximate[1] - error_bound)
+        upper = np.append(upper, approximate[1] + error_bound)
+    box_low, box_high = np.append(low, 0.0), np.append(high, 0.0 if hold_time else 1.0)
+    return _minimise(hessian, gradient, rows, np.append(box_low, lower), np.append(box_high, upper), equalities)
+
+
+def _solve_soft(
+    exact: tuple[Matrix, Vector, Vector],
+    approximate: tuple[Matrix, Vector, Vector],
+    low: Vector,
+    high: Vector,
+    weights: Weights,
+) -> Vector:
+    """(Δq, 1): standstill of the commanded path, and translation as near as the bounds allow."""
+    hessian, gradient = _cost(exact, approximate, weights)
+    weight = _LAST_RESORT * max(weights.alpha, weights.beta)
+    rows = weight * np.column_stack([exact[0], exact[2]])
+    hessian = hessian + rows.T @ rows
+    gradient = gradient - rows.T @ (weight * exact[1])
+    n = low.size
+    y = _minimise(hessian, gradient, np.zeros((0, n + 1)), np.append(low, 1.0), np.append(high, 1.0), 0)
+    return np.append(np.clip(np.zeros(n), low, high), 1.0) if y is None else y
+
+
+def _minimise(
+    hessian: Matrix, gradient: Vector, rows: Matrix, lower: Vector, upper: Vector, equalities: int
+) -> Vector | None:
+    """Bounds of all unknowns first in `lower` and `upper`, then those of the rows, the first `equalities` of which are equalities."""
+    n = gradient.size
+    sense = np.zeros(lower.size, dtype=np.int32)
+    sense[n : n + equalities] = 5
+    # rows and unknowns of like size: metres and radians of one cycle are small
+    scale = 1.0 / np.sqrt(np.diag(hessian))
+    solution, _, flag, _ = daqp.solve(
+        np.ascontiguousarray(hessian * np.outer(scale, scale)),
+        gradient * scale,
+        np.ascontiguousarray(rows * scale),
+        np.clip(upper / np.append(scale, np.ones(rows.shape[0])), -1e30, 1e30),
+        np.clip(lower / np.append(scale, np.ones(rows.shape[0])), -1e30, 1e30),
+        sense,
+        primal_tol=1e-11,
+        iter_limit=200,
+    )
+    y = np.asarray(solution) * scale
+    return y if flag == _OPTIMAL and bool(np.isfinite(y).all()) else None
+
+
+def _step(
+    y: Vector,
+    exact: tuple[Matrix, Vector, Vector],
+    approximate: tuple[Matrix, Vector, Vector],
+    error_bound: float,
+    low: Vector,
+    high: Vector,
+) -> OptimisedStep:
+    delta_q = np.clip(y[:-1], low, high)
+    theta = float(min(max(y[-1], 0.0), 1.0))
+    gave_way, words = GaveWay.NOTHING, []
+    left = np.abs(approximate[1] - approximate[0] @ delta_q)
+    if left.size and left.max() > error_bound + 1e-9:
+        gave_way |= GaveWay.ORIENTATION_BOUND
+        words.append(f"approximate error {left.max():.3g} exceeds its bound {error_bound:.3g}")
+    if theta > 1e-9:
+        gave_way |= GaveWay.TIME
+        words.append(f"path slowed down by {theta:.3g}")
+    missed = np.abs(exact[0] @ delta_q + exact[2] * theta - exact[1])
+    if missed.size and missed.max() > 1e-9:
+        gave_way |= GaveWay.TRANSLATION
+        words.append(f"exact part missed by {missed.max():.3g}")
+    return OptimisedStep(delta_q, theta, gave_way, "; ".join(words))
