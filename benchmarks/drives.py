@@ -1,6 +1,6 @@
 """What the drives cost: a bank's tick without physics, and one drive's share of a SYNC (RPDO in, state machine, TPDO out).
 
-    .venv/bin/python benchmarks/drives.py
+.venv/bin/python benchmarks/drives.py
 """
 
 from __future__ import annotations

@@ -65,7 +65,11 @@ def simulated_robot(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus) ->
     start = scenario.start
     parameters = WorldParameters(
         physics=PhysicsParameters(step_s=TICK_NS * 1e-9),
-        wheels=WheelPlantParameters(peak_torque=platform.wheel_peak_effort),
+        wheels=WheelPlantParameters(
+            bandwidth_hz=platform.wheel_bandwidth,
+            dead_time_s=platform.wheel_dead_time,
+            peak_torque=platform.wheel_peak_effort,
+        ),
         slip=SlipParameters(sigma=scenario.slip.sigma, tau_s=scenario.slip.tau_s),
         home=tuple(start.configuration if start.configuration is not None else robot.arm.home),
         start=(start.x_m, start.y_m, start.heading_rad),

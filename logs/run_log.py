@@ -71,7 +71,7 @@ class RunLog:
         self._last_ns = 0
         self.table = SignalTable()
         """Complete after `close`; before that it belongs to the thread."""
-        self.dropped_blocks = 0
+        self.written_blocks = self.dropped_blocks = 0
         self.recorder_fault: str | None = None
         """Why the recording ended early, or None."""
         self._recorder: RerunRecorder | None = None
@@ -148,6 +148,7 @@ class RunLog:
             return
         try:
             self._recorder.write(decoded)
+            self.written_blocks += 1
         except Exception as fault:  # whatever the writer does, the run goes on without it
             self._give_up(fault)
 

@@ -54,8 +54,10 @@ class ForceSensor:
             raise ValueError(f"{physics.urdf}: {names.gripper} and {names.tcp} must have parallel frames")
         self._weight = np.array([0.0, 0.0, -physics.parameters.gravity]) * self.mass
         self._sum: Vector = np.zeros(6)
-        self._steps = 0
         self._before, _ = self._momentum()
+        self._steps = 1
+        self._last: Vector = np.zeros(6)
+        self.read()
 
     def advance(self) -> None:
         """Take note of the step just made."""
@@ -64,9 +66,9 @@ class ForceSensor:
             self._sum += self._physics.external
 
     def read(self) -> Vector:
-        """Mean wrench since the last reading (6,), N and N·m. Needs at least one step in between."""
+        """Mean wrench since the last reading (6,), N and N·m; the last reading again if no step was made since."""
         if self._steps == 0:
-            raise RuntimeError("the force sensor was read twice without a physics step in between")
+            return self._last.copy()
         momentum, rotation = self._momentum()
         duration = self._steps * self._physics.parameters.step_s
         wrench = self._sum / self._steps
@@ -81,9 +83,10 @@ class ForceSensor:
         self._before = momentum
         self._sum[:] = 0.0
         self._steps = 0
-        reading = np.concatenate([rotation.T @ wrench[:3], rotation.T @ wrench[3:]])
         spread = np.repeat([self.parameters.force_noise_n, self.parameters.torque_noise_nm], 3)
-        return reading + spread * self._random.standard_normal(6)
+        noise = spread * self._random.standard_normal(6)
+        self._last = np.concatenate([rotation.T @ wrench[:3], rotation.T @ wrench[3:]]) + noise
+        return self._last.copy()
 
     def _momentum(self) -> tuple[Vector, Vector]:
         """Linear momentum of the tool and its angular momentum about its centre (6,), world axes; rotation of the TCP."""

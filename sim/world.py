@@ -61,7 +61,10 @@ class World:
         self.physics.close()
 
     def reset(self) -> None:
-        """Back to the start: the same bits as after construction. Objects beside floor and robot are gone."""
+        """Back to the start: the same bits as after construction.
+
+        Objects beside floor and robot are gone; `plant` and `force_sensor` are new ones.
+        """
         parameters, physics = self.parameters, self.physics
         physics.load()
         step_s = parameters.physics.step_s

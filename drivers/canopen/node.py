@@ -15,7 +15,7 @@ from drivers.canopen.sdo import SdoServer
 from drivers.canopen.sync import SyncConsumer, SyncProducer
 from drivers.clock import Clock
 from drivers.frame import Frame
-from drivers.objects import DeviceDef, PdoKind
+from drivers.objects import DeviceDef, PdoKind, Value
 
 _COMMUNICATION_AREA = (0x1000, 0x1FFF)
 _WHOLE_DICTIONARY = (0x1000, 0xFFFF)
@@ -85,6 +85,9 @@ class CanopenNode:
                 )
             else:
                 self.tpdo[pdo.number] = TransmitPdo(pdo.number, dictionary, clock, line, nmt)
+        for index in (0x1005, 0x1006, 0x1019):
+            if (index, 0) in dictionary:
+                dictionary.bind(index, sink=self._on_sync_parameter)
         line.listen(ERROR_CONTROL_BASE + device.node_id, self._on_own_id)
         self._configure()
         self._silence()
@@ -157,6 +160,10 @@ class CanopenNode:
             for pdo in self.tpdo.values():
                 if pdo.valid:
                     pdo.on_sync(counter)
+
+    def _on_sync_parameter(self, _: Value) -> None:
+        self.sync_consumer.configure()
+        self.sync_producer.configure()
 
     def _on_rpdo(self, number: int) -> None:
         self.application.on_rpdo(number)

@@ -88,11 +88,9 @@ class SyncProducer:
         self._overflow = 0
         self._period_ns = 0
         self._timer: Timer | None = None
-        dictionary.bind(0x1005, check=self._check_cob_id, sink=self._changed)
-        if (0x1006, 0) in dictionary:
-            dictionary.bind(0x1006, sink=self._changed)
+        dictionary.bind(0x1005, check=self._check_cob_id)
         if (0x1019, 0) in dictionary:
-            dictionary.bind(0x1019, check=self._check_overflow, sink=self._changed)
+            dictionary.bind(0x1019, check=self._check_overflow)
 
     @property
     def period_ns(self) -> int:
@@ -130,9 +128,6 @@ class SyncProducer:
         if self._line.send(self._dictionary.integer(0x1005) & 0x7FF, b"" if counter is None else bytes((counter,))):
             self.sent += 1
             self._on_sync(counter)
-
-    def _changed(self, _: Value) -> None:
-        self.configure()
 
     def _check_cob_id(self, value: Value) -> None:
         word, present = int(value), self._dictionary.integer(0x1005)

@@ -113,6 +113,11 @@ class AxisClient:
         """Why it is in FAULT, first cause first."""
 
     @property
+    def title(self) -> str:
+        """How messages name it."""
+        return f"drive {self.node_id} ({self.name})"
+
+    @property
     def state(self) -> State | None:
         """CiA 402 state of the last statusword, None before the first one."""
         return None if self.statusword is None else state_of(self.statusword)

@@ -23,7 +23,7 @@ def si_factor(unit: int) -> float:
             " second (03h) or minute (47h); others need their scale in the device's definition"
         )
     # a quotient of exact powers: 1e-6 comes out as 1e-6, not as 9.999…e-7
-    power = 1.0 * 10**exponent if exponent >= 0 else 1.0 / 10**-exponent
+    power = float(10**exponent) if exponent >= 0 else 1.0 / float(10**-exponent)
     return power * numerator / denominator
 
 

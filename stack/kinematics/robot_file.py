@@ -40,7 +40,8 @@ class JointRow:
 class PlatformParameters:
     """The unicycle platform in SI units; its reference point is the middle of the wheel axis on the ground.
 
-    `arm_base` (x, y, z) is the arm's base frame in the platform's frame, axes parallel. Efforts are those of one wheel.
+    `arm_base` (x, y, z) is the arm's base frame in the platform's frame, axes parallel. Efforts are those of one wheel;
+    a wheel follows its command after `wheel_dead_time` (s) with `wheel_bandwidth` (Hz).
     """
 
     wheel_joints: tuple[str, str]
@@ -51,6 +52,8 @@ class PlatformParameters:
     yaw_rate: float
     acceleration: float
     yaw_acceleration: float
+    wheel_bandwidth: float
+    wheel_dead_time: float
     wheel_rated_effort: float
     wheel_peak_effort: float
 

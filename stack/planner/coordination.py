@@ -92,14 +92,20 @@ class Coordinator:
             weights = preferences.weights[: self.n]
             return self._by_name(parameters, jacobian, twist, weights, z, lower, upper)
         table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
-        table[5], table[6] = lower, upper
         wishes = np.array([preferences.preferred, preferences.heights, preferences.widths])
         step = arm_step(
             jacobian, twist, model.q, wishes, window if parameters.null_space_motion else 0.0,
             np.diag(preferences.weights[: self.n]), table, _NO_ROWS_8[:, : self.n], _NO_VALUES, parameters.epsilon,
         )  # fmt: skip
-        restrictions = _of_joints(step.limited) | _of_scale(step.scale, step.bound, dq, step.dq, limits)
-        return ArmCommand(step.dq, step.scale, Status(step.status), restrictions | _of_status(step.status), step.sigma)
+        restrictions = _of_joints(step.limited) | _of_status(step.status)
+        if step.scale < 1.0:
+            restrictions |= Restriction.VELOCITY
+        # Accelerations are limited joint by joint and last: the path loop works off what that costs, while slowing the path for it
+        # would also slow what compensates the platform.
+        clipped = np.minimum(np.maximum(step.dq, lower), upper)
+        if np.abs(clipped - step.dq).max() > 1e-6:
+            restrictions |= Restriction.ACCELERATION
+        return ArmCommand(clipped, step.scale, Status(step.status), restrictions, step.sigma)
 
     def robot_cycle(
         self,
@@ -212,15 +218,6 @@ def _of_joints(limited: NDArray[np.bool_]) -> Restriction:
 
 def _of_status(status: int) -> Restriction:
     return _RESTRICTION_OF.get(status, Restriction.NONE)
-
-
-def _of_scale(scale: float, bound: int, dq_before: Vector, dq: Vector, limits: Limits) -> Restriction:
-    """Which limit slowed the path: a joint at its speed limit, else its acceleration."""
-    if scale >= 1.0 or bound < 0:
-        return Restriction.NONE
-    joint = bound // 2
-    fast = abs(dq[joint]) >= 0.999 * limits.dq_max[joint]
-    return Restriction.VELOCITY if fast else Restriction.ACCELERATION
 
 
 _RESTRICTION_OF = {

@@ -38,49 +38,84 @@ def advance(pose: PlatformPose, distance: float, turn: float) -> PlatformPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Odometry:
-    """Wheel angles of the last reading (None before the first), pose then, mean rate of the period before it and its trend.
+class WheelModel:
+    """How the wheels follow: `dead_time_s`, then a first-order lag of `bandwidth_hz`. Both act alike on wheels, v and ω."""
 
-    `missed`: periods since that reading; a lost frame costs accuracy, not the platform's pose.
+    bandwidth_hz: float
+    dead_time_s: float
+
+    def share(self, duration_s: float) -> float:
+        """Part of the way to the command that is covered in `duration_s`."""
+        return -math.expm1(-2.0 * math.pi * self.bandwidth_hz * duration_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Wheel angles of the last reading (None before the first), pose then, and the mean rate of the period before it.
+
+    `missed`: periods since that reading; a lost frame costs accuracy, not the platform's pose. `commands`: the rates commanded in the
+    last cycles, newest last. What comes next is predicted from the commands, not from differences of readings: the arm's reaction shakes the
+    wheels, and feeding that back to the arm makes both of them hum.
     """
 
     wheels: tuple[float, float] | None = None
     pose: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
     rate: PlatformRate = PlatformRate(0.0, 0.0)
-    trend: PlatformRate = PlatformRate(0.0, 0.0)
     missed: int = 0
+    commands: tuple[PlatformRate, ...] = ()
 
     def without_reading(self) -> Odometry:
         """One period later, nothing heard."""
         return replace(self, missed=self.missed + 1)
 
     def update(self, platform: PlatformParameters, left: float, right: float, period_s: float) -> Odometry:
-        """One period later, with new wheel angles (rad). `trend` is the low-passed change of the rate (per s)."""
+        """One period later, with new wheel angles (rad)."""
         if self.wheels is None:
             return replace(self, wheels=(left, right), missed=0)
         # The map from wheel rates to platform rates is linear: it maps wheel angles to arc and turn as well.
         distance, turn = platform_twist(platform, left - self.wheels[0], right - self.wheels[1])
         elapsed = (self.missed + 1) * period_s
         rate = PlatformRate(distance / elapsed, turn / elapsed)
-        trend = PlatformRate(
-            self.trend.v + _TREND_WEIGHT * ((rate.v - self.rate.v) / elapsed - self.trend.v),
-            self.trend.omega + _TREND_WEIGHT * ((rate.omega - self.rate.omega) / elapsed - self.trend.omega),
-        )
-        return Odometry((left, right), advance(self.pose, distance, turn), rate, trend)
+        return Odometry((left, right), advance(self.pose, distance, turn), rate, 0, self.commands)
 
-    def ahead(self, periods: int, period_s: float) -> PlatformPose:
-        """Pose `periods` from now, extrapolated with rate and trend.
+    def commanded(self, rate: PlatformRate) -> Odometry:
+        """With the command of this cycle remembered."""
+        return replace(self, commands=(*self.commands[1 - _HISTORY :], rate))
 
-        The measured rate is the mean of the period before the reading, its middle half a period ago; the mean of the i-th period
-        ahead lies i periods after that.
+    def ahead(self, periods: int, period_s: float, model: WheelModel) -> PlatformPose:
+        """Pose `periods` from now.
+
+        The measured rate is the mean of the period before the reading, its middle half a period ago; from there the model follows the
+        commands that are on their way.
         """
-        pose = self.pose
-        for i in range(1, periods + self.missed + 1):
-            lead = i * period_s
-            v, omega = self.rate.v + self.trend.v * lead, self.rate.omega + self.trend.omega * lead
-            pose = advance(pose, v * period_s, omega * period_s)
+        pose, rate = self.pose, self.rate
+        share = model.share(period_s)
+        for i in range(1 - self.missed, periods + 1):
+            aim = self._on_its_way(i - 1.0, period_s, model)
+            rate = PlatformRate(rate.v + share * (aim.v - rate.v), rate.omega + share * (aim.omega - rate.omega))
+            pose = advance(pose, rate.v * period_s, rate.omega * period_s)
         return pose
 
+    def acceleration(self, period_s: float, model: WheelModel) -> PlatformRate:
+        """Rate of change of v and ω now, as the model has it (m/s², rad/s²)."""
+        aim = self._on_its_way(0.0, period_s, model)
+        slope = 2.0 * math.pi * model.bandwidth_hz
+        return PlatformRate(slope * (aim.v - self.rate.v), slope * (aim.omega - self.rate.omega))
 
-_TREND_WEIGHT = 0.4
-"""Weight of one difference of rates in the trend: quick enough for the wheels' 64 ms, dull enough for encoder noise."""
+    def _on_its_way(self, lead: float, period_s: float, model: WheelModel) -> PlatformRate:
+        """The command that reaches the wheels' lag `lead` periods from now.
+
+        The command of cycle j is a ramp between SYNC j + 1 and j + 2, and takes the dead time besides; the newest one here is of the cycle
+        before this one.
+        """
+        if not self.commands:
+            return PlatformRate(0.0, 0.0)
+        age = max(0.0, 0.5 + model.dead_time_s / period_s - lead)
+        newer = min(int(age), len(self.commands) - 1)
+        older = min(newer + 1, len(self.commands) - 1)
+        u = age - int(age)
+        a, b = self.commands[-1 - newer], self.commands[-1 - older]
+        return PlatformRate(a.v + u * (b.v - a.v), a.omega + u * (b.omega - a.omega))
+
+
+_HISTORY = 64

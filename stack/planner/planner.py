@@ -15,7 +15,7 @@ from stack.kinematics.platform import platform_of, wheel_speeds
 from stack.messages import Matrix, Mode, Restriction, TrackedPose, Vector
 from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated, following
 from stack.planner.drift import DriftEstimate
-from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, advance
+from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
 from stack.planner.preferences import window
 from stack.planner.problem import Status
@@ -86,6 +86,7 @@ class Planner:
         self.arm = arm
         self.platform = platform_of(arm)
         self.base = np.array(self.platform.arm_base)
+        self.wheels = WheelModel(self.platform.wheel_bandwidth, self.platform.wheel_dead_time)
         self.coordinator = Coordinator(arm, limits, self.base)
 
     def step(
@@ -116,7 +117,7 @@ class Planner:
             odometry = odometry.without_reading()
         q = inputs.q if inputs.q is not None else self.arm.home if state.q_next is None else state.q_next
         obeys = parameters.coordination is Coordination.UNIFIED and state.q_next is not None
-        pose = state.commanded if obeys else odometry.ahead(0, parameters.arm_period_s)
+        pose = state.commanded if obeys else odometry.ahead(0, parameters.arm_period_s, self.wheels)
         T_OE = arm_in_odometry(*pose, self.base, self.arm.pose(q))
         if inputs.q is not None:
             drift = drift.believing(inputs.t_ns, T_OE)
@@ -153,7 +154,7 @@ class Planner:
         model = self.arm.state(state.q_next)
         command = state.command.update(inputs.twist, parameters)
         unified = parameters.coordination is Coordination.UNIFIED and inputs.mode is Mode.COORDINATED
-        pose_1, pose_2 = _poses_ahead(state, period, obeys=unified)
+        pose_1, pose_2 = _poses_ahead(state, period, self.wheels, obeys=unified)
         T_RO = state.drift.T_RO
         X_1 = state.X_RE if state.X_RE is not None else T_RO @ arm_in_odometry(*pose_1, self.base, model.pose)
         desired_1 = desired_in_arm(T_RO, *pose_1, self.base, X_1)
@@ -191,7 +192,7 @@ class Planner:
         due = parameters.platform_cycle_due(state.cycle)
         platform = PlatformCommand(state.rate)
         if due:
-            rate = following(wanted, state.commanded, state.odometry.ahead(1, period))
+            rate = following(wanted, state.commanded, state.odometry.ahead(1, period, self.wheels))
             platform = accelerated(rate, state.rate, parameters.limits, parameters.platform_period_s)
         carried = arm_in_odometry(*commanded, self.base, self.arm.pose(state.q_next))
         return self._send(
@@ -218,7 +219,7 @@ class Planner:
         outputs = PlannerOutputs(
             q=q,
             dq=arm.dq,
-            effort=self._effort(q, arm.dq, (arm.dq - state.dq) / period, state.odometry),
+            effort=self._effort(q, arm.dq, (arm.dq - state.dq) / period, state.odometry, period),
             wheels=wheel_speeds(self.platform, *platform.rate),
             X_RE=X_2,
             T_RE=measured,
@@ -227,16 +228,26 @@ class Planner:
             restrictions=arm.restrictions | platform.restrictions | _staleness(inputs),
             platform_cycle=due,
         )
-        return replace(state, q_next=q, dq=arm.dq, X_RE=X_2, rate=platform.rate, commanded=commanded), outputs
+        following = replace(
+            state,
+            q_next=q,
+            dq=arm.dq,
+            X_RE=X_2,
+            rate=platform.rate,
+            commanded=commanded,
+            odometry=state.odometry.commanded(platform.rate),
+        )
+        return following, outputs
 
-    def _effort(self, q: Vector, dq: Vector, ddq: Vector, odometry: Odometry) -> Vector:
+    def _effort(self, q: Vector, dq: Vector, ddq: Vector, odometry: Odometry, period: float) -> Vector:
         """Inverse dynamics on a platform that moves: its yaw is that of a faster first joint, its acceleration tilts gravity."""
         v, omega = odometry.rate
+        dv, domega = odometry.acceleration(period, self.wheels)
         yawing, yawing_rate = dq.copy(), ddq.copy()
         yawing[0] += omega
-        yawing_rate[0] += odometry.trend.omega
+        yawing_rate[0] += domega
         x = self.base[0]
-        acceleration = np.array([odometry.trend.v - omega * omega * x, v * omega + odometry.trend.omega * x, 0.0])
+        acceleration = np.array([dv - omega * omega * x, v * omega + domega * x, 0.0])
         return self.arm.inverse_dynamics(q, yawing, yawing_rate, acceleration)
 
 
@@ -247,11 +258,13 @@ def _changed_mode(state: PlannerState, inputs: PlannerInputs) -> PlannerState:
     return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter())
 
 
-def _poses_ahead(state: PlannerState, period: float, *, obeys: bool) -> tuple[PlatformPose, PlatformPose]:
+def _poses_ahead(
+    state: PlannerState, period: float, wheels: WheelModel, *, obeys: bool
+) -> tuple[PlatformPose, PlatformPose]:
     """Platform poses at SYNC k + 1 and k + 2: measured and extrapolated, or as commanded to a platform that is taken to obey."""
     if obeys:
         return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
-    return state.odometry.ahead(1, period), state.odometry.ahead(2, period)
+    return state.odometry.ahead(1, period, wheels), state.odometry.ahead(2, period, wheels)
 
 
 def _patience(off: Vector, parameters: PlannerParameters) -> float:

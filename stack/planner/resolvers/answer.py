@@ -39,15 +39,20 @@ def _leave_path(
 ) -> Solution:
     """No share of the motion keeps the bounds (one of them excludes standstill, say): they hold, the task gives way."""
     dq = into_bounds(dq, p.lower, p.upper)
-    twist = p.J @ dq
-    size = float(p.xdot @ p.xdot)
-    scale = min(max(float(twist @ p.xdot) / size, 0.0), 1.0) if size > 0.0 else 1.0
+    scale = share_of_twist(p, dq)
+    kept = met(p.J @ dq - scale * p.xdot, dq)
     bound = Active("upper" if half_plane % 2 else "lower", half_plane // 2)
     words = f"the {bound} cannot be kept by slowing down, by {shortfall:.3g}"
-    return describe(p, sigma, dq, unconstrained, scale, 0.0, False, crossing(p.lower, p.upper), words)
+    return describe(p, sigma, dq, unconstrained, scale, 0.0, kept, "", words)
 
 
-def crossing(lower: Vector, upper: Vector) -> str:
+def share_of_twist(p: Problem, dq: Vector) -> float:
+    """The share of ẋ, in [0, 1], that comes nearest to the twist of dq (n,); 1 where ẋ is zero."""
+    size = float(p.xdot @ p.xdot)
+    return min(max(float(p.J @ dq @ p.xdot) / size, 0.0), 1.0) if size > 0.0 else 1.0
+
+
+def _crossing(lower: Vector, upper: Vector) -> str:
     """Words for the joint whose bounds cross the most, empty where none do."""
     i = int((lower - upper).argmax())
     return f"the bounds of joint {i} cross by {lower[i] - upper[i]:.3g}" if lower[i] > upper[i] else ""
@@ -101,6 +106,7 @@ def describe(
     if not met(row_error, dq):
         worst = int(np.abs(row_error).argmax())
         infeasible = infeasible or f"row {worst} of A is missed by {abs(row_error[worst]):.3g}"
+    infeasible = _crossing(p.lower, p.upper) or infeasible
     if infeasible:
         status = Status.INFEASIBLE
         words.append(infeasible)

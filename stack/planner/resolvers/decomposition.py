@@ -29,8 +29,8 @@ def prop(sigma: float, epsilon: float) -> float:
 def damped_inverse(sigma: float, epsilon: float) -> float:
     """What takes the place of 1/σ: σ/σ̃², which is 1/σ above ε and joins it with its derivative.
 
-    1/σ̃ alone, as (2.139) has it, jumps from −2/ε to 2/ε where a path crosses a singularity, because there the pair of singular vectors changes
-    its sign and 1/σ̃ does not vanish. σ/σ̃² is odd in σ, so the pseudo-inverse is a C¹ function of J, and at most 1.3/ε.
+    1/σ̃ alone, as (2.139) has it, jumps from −2/ε to 2/ε where a path crosses a singularity: the pair of singular vectors changes
+    its sign there and 1/σ̃ does not vanish. σ/σ̃² is odd in σ, so the pseudo-inverse is a C¹ function of J, and at most 1.3/ε.
     """
     propped = prop(sigma, epsilon)
     return sigma / (propped * propped)

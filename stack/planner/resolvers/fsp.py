@@ -1,8 +1,9 @@
 """Full space parameterization (Pin et al.; 2.28-2.111): q̇ = S t, eᵀt = 1, from square subsystems of J q̇ = ẋ.
 
-Remedies that keep it well conditioned: the command is normalised, `eᵀt = ‖ẋ‖` on solutions for the unit command, so that nothing jumps as
-ẋ goes to zero and a fictitious command with `eᵀt = 0` takes over; the columns of S are scaled to unit length before G is formed;
-subsystems with large solutions (near-singular ones) are used only where no others are left; a singular J is propped first (2.139) and the command damped in the directions where it was.
+Remedies that keep it well conditioned: the command is normalised, `eᵀt = ‖ẋ‖` on solutions for the unit command, so that nothing
+jumps as ẋ goes to zero and a fictitious command with `eᵀt = 0` takes over; the columns of S are scaled to unit length before G is
+formed; subsystems with large solutions (near-singular ones) are used only where no others are left; a singular J is propped
+first (2.139) and the command damped in the directions where it was.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ import daqp
 import numpy as np
 
 from stack.planner.problem import Matrix, Problem, Solution, Vector
-from stack.planner.resolvers.answer import crossing, describe, met, within
+from stack.planner.resolvers.answer import describe, met, share_of_twist, within
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.nullspace import particular, restrict, split, whiten
 
@@ -131,13 +131,12 @@ def _give_way(p: Problem, sigma: Vector, unconstrained: Vector) -> Solution:
         dq = _solve(hessian, gradient, np.eye(n), low, high)
         dq = middle if dq is None else dq
         words = _worst_restriction(p, dq)
-    return describe(p, sigma, within(dq, p.lower, p.upper), unconstrained, 0.0, 1.0, False, words)
+    dq = within(dq, p.lower, p.upper)
+    scale = share_of_twist(p, dq)
+    return describe(p, sigma, dq, unconstrained, scale, 1.0, met(p.J @ dq - scale * p.xdot, dq), words)
 
 
 def _worst_restriction(p: Problem, dq: Vector) -> str:
-    words = crossing(p.lower, p.upper)
-    if words:
-        return words
     error = np.abs(p.A @ dq - p.b)
     worst = int(error.argmax()) if error.size else 0
     return f"row {worst} of A is missed by {error[worst]:.3g} inside the bounds" if error.size else "no solution found"

@@ -26,7 +26,9 @@ MS = 1_000_000
 class LinearPlant:
     """inertia · a = torque + load - friction · v per axis; a velocity axis follows its command with a lag of 5 ms."""
 
-    def __init__(self, position: Vector, velocity_axes: BoolVector, inertia: float = 0.5, friction: float = 0.5) -> None:
+    def __init__(
+        self, position: Vector, velocity_axes: BoolVector, inertia: float = 0.5, friction: float = 0.5
+    ) -> None:
         self.position = np.array(position)
         self.velocity = np.zeros_like(self.position)
         self.load = np.zeros_like(self.position)

@@ -7,7 +7,8 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.cia402.states import State
 from tests.unit.cia402.rig import MS, Master, Rig
@@ -169,9 +170,10 @@ def test_missed_set_point_is_bridged_without_a_stop() -> None:
     rig.run(300 * MS)
     lowest = []
     master.sends_rpdo = False
-    rig.run(20 * MS)
-    assert rig.drive.statusword() & 0x0080  # warning: running on nothing
+    rig.run(10 * MS)
     master.sends_rpdo = True
+    rig.run(10 * MS)
+    assert rig.drive.statusword() & 0x0080  # warning: running on nothing
     for _ in range(100):
         rig.run(MS)
         lowest.append(rig.plant.velocity[0])

@@ -31,9 +31,7 @@ def run() -> Motion:
 @pytest.fixture(scope="session")
 def table(run: Motion) -> SignalTable:
     """Its signals, in one-second blocks, without a recording."""
-    log = RunLog(
-        DEVICES.values(), "moma8", RunInfo("test"), sync_period_ns=PERIOD_NS, recording=None, event_log=None
-    )
+    log = RunLog(DEVICES.values(), "moma8", RunInfo("test"), sync_period_ns=PERIOD_NS, recording=None, event_log=None)
     play(run, log.on_frame, log.on_truth)
     return log.close()
 

@@ -132,7 +132,9 @@ class Wire:
 
     def _planner(self, k: int) -> Iterator[tuple[int, bytes]]:
         truth = self._run.truths[min(k + 2, len(self._run.truths) - 1)]
-        phase = PlannerPhase.EXECUTING if k >= MOTION_STARTS else (PlannerPhase.IDLE if k > 60 else PlannerPhase.ENABLING)
+        phase = (
+            PlannerPhase.EXECUTING if k >= MOTION_STARTS else (PlannerPhase.IDLE if k > 60 else PlannerPhase.ENABLING)
+        )
         restrictions = Restriction.JOINT_2 | Restriction.VELOCITY if k % 700 > 600 else Restriction.NONE
         scale = 0.6 if k % 700 > 600 else 1.0
         yield from PLANNER_STATE.encode(PlannerState(phase, 1 if restrictions else 0, restrictions, scale, k % 256))[0]

@@ -83,4 +83,5 @@ def test_a_whole_run_gives_the_error_that_was_put_in(table: SignalTable) -> None
     error = table["tcp/error"]
     expected = 0.004 * (error.t_s - error.t_s[0])
     np.testing.assert_allclose(error.values[:, 0], expected, atol=5e-5)  # the wire rounds to 2 µm and 0.1 mrad
-    np.testing.assert_allclose(error.values[:, 1], expected, atol=5e-5)
+    moving = error.t_s > 2.0  # before that the path itself goes up as fast as it goes ahead
+    np.testing.assert_allclose(error.values[moving, 1], expected[moving], atol=5e-5)

@@ -13,9 +13,10 @@ from drivers.bus.lockstep import LockstepBus
 from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.catalogue import DRIVE_IDS, PLANNER_ID, devices
 from drivers.cia402.bank import DriveBank
+from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.configuration import DriveSettings
 from drivers.cia402.device import Drive
-from drivers.cia402.master import DriveMaster, MasterTimes
+from drivers.cia402.master import DriveMaster
 from drivers.cia402.phases import DriveEvent, EventKind, MasterPhase
 from drivers.clock import LockstepClock
 from drivers.frame import Frame

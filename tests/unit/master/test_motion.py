@@ -218,3 +218,12 @@ def test_enabling_what_is_not_ready_is_an_error_of_the_caller(cell: Any) -> None
     cell.run_to(MasterPhase.READY)
     cell.master.enable()
     assert not [event for event in cell.master.events if event.kind is EventKind.ENABLE_FAILED]
+
+
+def test_the_owner_may_enable_each_axis_as_it_gets_ready(cell: Any) -> None:
+    cell.on_event = lambda event: cell.master.enable([event.node_id]) if event.kind is EventKind.CONFIGURED else None
+    cell.power_on()
+    cell.run_to(MasterPhase.ENABLED)
+    cell.run(0.5)
+    assert all(axis.follows_planner for axis in cell.master.axes)
+    assert cell.failures() == []

@@ -10,8 +10,8 @@ import pytest
 
 from drivers.bus.interception import Verdict
 from drivers.canopen.emcy import EmcyCode
+from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.configuration import DriveSettings
-from drivers.cia402.master import MasterTimes
 from drivers.cia402.phases import AxisPhase, DriveEvent, EventKind, MasterPhase
 from drivers.cia402.states import State
 from drivers.frame import Frame
