@@ -11,8 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from drivers.frame import Frame
-from logs.run_log import RunInfo, RunLog
-from tests.unit.logs.synthetic_run import DEVICES, PERIOD_NS, Wire, motion
+from logs.recorder import RunInfo
+from logs.run_log import RunLog
+from logs.tape import Tape
+from tests.unit.logs.synthetic_run import DEVICES, PERIOD_NS, Motion, Wire, motion
 
 
 def main(seconds: int) -> None:
@@ -20,58 +22,57 @@ def main(seconds: int) -> None:
     wire = Wire(run)
     cycles = [wire.cycle(k) for k in range(len(run.truths))]
     frames = sum(len(cycle) for cycle in cycles)
-    nothing: list[Frame] = []
-    listening = _feed(cycles, run.truths, nothing.append, lambda truth: None)
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        for title, recording in (("table only", None), ("table and recording", folder / "run.rrd")):
-            cpu = time.process_time()
-            log = RunLog(
-                DEVICES.values(),
-                "moma8",
-                RunInfo("benchmark"),
-                sync_period_ns=PERIOD_NS,
-                recording=recording,
-                event_log=folder / "events.log",
-                wait=False,
-                compact=False,
-            )
-            fed = _feed(cycles, run.truths, log.on_frame, log.on_truth)
-            log.close()
-            cpu = time.process_time() - cpu
-            print(f"{title:<24}{cpu / seconds * 1e3:8.1f} ms of CPU per second of run")
-            if recording is not None:
-                _loop_cost(log, fed, listening, frames, len(cycles))
-                size = recording.stat().st_size
-                print(f"{'recording':<24}{size / 1e6 / seconds * 60:8.1f} MB a minute, {log.dropped_blocks} blocks dropped")
     print(f"{'one frame, alone':<24}{_one_frame_us():8.3f} µs")
+    with TemporaryDirectory() as name:
+        for title, recording in (("table only", None), ("table and recording", Path(name) / "run.rrd")):
+            log = _log(Path(name), recording, wait=True)
+            start = time.process_time()
+            for cycle, truth in zip(cycles, run.truths, strict=True):
+                log.on_truth(truth)
+                for frame in cycle:
+                    log.on_frame(frame)
+            log.close()
+            spent = (time.process_time() - start) / seconds
+            print(f"{title:<24}{spent * 1e3:8.1f} ms of CPU per second of run")
+        print(f"{'recording':<24}{(Path(name) / 'run.rrd').stat().st_size / 1e6 / seconds * 60:8.1f} MB a minute")
+        _paced(cycles, run, frames, Path(name))
 
 
-def _feed(cycles, truths, on_frame, on_truth) -> list[float]:  # type: ignore[no-untyped-def]
-    """Seconds that each cycle's frames and truth took, at the pace of one cycle a millisecond."""
+def _log(folder: Path, recording: Path | None, *, wait: bool) -> RunLog:
+    return RunLog(
+        DEVICES.values(),
+        "moma8",
+        RunInfo("benchmark"),
+        sync_period_ns=PERIOD_NS,
+        recording=recording,
+        event_log=folder / "events.log",
+        wait=wait,
+        compact=False,
+    )
+
+
+def _paced(cycles: list[list[Frame]], run: Motion, frames: int, folder: Path) -> None:
+    """The loop's share of each cycle while the thread writes, at five times real time, as a loop that sleeps in between."""
+    log = _log(folder, folder / "paced.rrd", wait=False)
     spent = []
     due = time.perf_counter()
-    for cycle, truth in zip(cycles, truths, strict=True):
-        due += 0.001
-        while time.perf_counter() < due:
-            pass
+    for cycle, truth in zip(cycles, run.truths, strict=True):
+        due += 0.002
+        time.sleep(max(0.0, due - time.perf_counter()))
         start = time.perf_counter()
-        on_truth(truth)
+        log.on_truth(truth)
         for frame in cycle:
-            on_frame(frame)
-        spent.append(time.perf_counter() - start)
-    return sorted(spent)
-
-
-def _loop_cost(log: RunLog, fed: list[float], alone: list[float], frames: int, cycles: int) -> None:
-    middle, high = fed[len(fed) // 2] - alone[len(alone) // 2], fed[int(len(fed) * 0.99)]
-    print(f"{'in the loop':<24}{middle * 1e6:8.1f} µs a cycle of {frames // cycles} frames (median), p99 {high * 1e6:.0f} µs")
+            log.on_frame(frame)
+        spent.append((time.perf_counter() - start) * 1e6)
+    log.close()
+    spent.sort()
+    middle, high = spent[len(spent) // 2], spent[int(len(spent) * 0.99)]
+    print(f"{'in the loop':<24}{middle:8.1f} µs a cycle of {frames // len(cycles)} frames (median), p99 {high:.0f} µs")
+    print(f"{'':<24}{log.dropped_blocks:8d} of {log.dropped_blocks + log.written_blocks} blocks dropped")
 
 
 def _one_frame_us() -> float:
     """Best of five: the tape alone, no thread running beside it."""
-    from logs.tape import Tape
-
     best = float("inf")
     frame = Frame(0x181, bytes(8), 0)
     for _ in range(5):

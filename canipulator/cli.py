@@ -91,14 +91,17 @@ def run(
 
 @cli.command()
 @click.argument("run_dir", metavar="RUN", type=click.Path(path_type=Path))
-def view(run_dir: Path) -> None:
+@click.option("--web", is_flag=True, help="In a browser instead of a window; served on 127.0.0.1 only.")
+def view(run_dir: Path, web: bool) -> None:
     """Open the recording of RUN (its directory, or the .rrd file) in the Rerun viewer."""
-    from logs.viewer import open_viewer
+    from logs.viewer import has_display, open_viewer
 
     path = run_dir / "run.rrd" if run_dir.is_dir() else run_dir
     if not path.is_file():
         raise ConfigError(f"{path}: no recording there (a run with --no-rerun has none)")
-    raise SystemExit(open_viewer(path))
+    if not web and not has_display():
+        raise ConfigError(f"{path}: no display here to open a window on; try --web")
+    raise SystemExit(open_viewer(path, web=web))
 
 
 @cli.group("bus")
@@ -111,7 +114,7 @@ def bus_group() -> None:
 @click.argument("directory", metavar="[DIR]", required=False, type=click.Path(path_type=Path))
 def export(what: str, directory: Path | None) -> None:
     """Write the DBC or the EDS files into DIR [default: config/bus]."""
-    from canipulator.export import write_bus_files
+    from canipulator.bus_files import write_bus_files
 
     for path in write_bus_files(what, directory):
         click.echo(path)

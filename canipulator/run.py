@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -30,6 +31,7 @@ from logs.expectations import Expectation
 from logs.metrics import Metrics, RunFacts, evaluate
 from logs.recorder import RunInfo
 from logs.run_log import RunLog
+from logs.signals import SignalTable
 from logs.summary import summary
 from stack.messages import Truth
 from stack.strategic.mission import Stage
@@ -205,7 +207,7 @@ class _LockstepRun:
         scenario = self.scenario
         sim_s = self.clock.now_ns() * 1e-9
         statistics = self.bus.statistics()
-        overload = _overload(statistics.load_mean, statistics.frames_lost)
+        overload = _overload(self.log.table, statistics.frames_lost)
         facts = RunFacts(
             scenario=scenario.name,
             seed=scenario.seed,
@@ -280,14 +282,27 @@ def _expectations(scenario: Scenario) -> list[Expectation]:
     return found
 
 
-def _overload(load_mean: float, frames_lost: int) -> tuple[str, ...]:
+def _overload(table: SignalTable, frames_lost: int) -> tuple[str, ...]:
     """A bus that cannot carry what is asked of it is a fault of its own, before all that follows from it."""
-    if load_mean < OVERLOAD and not frames_lost:
+    load = table.get("bus/load")
+    full = 0 if load is None else _longest(load.values[:, 0] >= FULL)
+    if full < OVERLOAD_WINDOWS and not frames_lost:
         return ()
-    return (f"bus: overloaded, mean load {100.0 * load_mean:.0f} %, {frames_lost} frames lost",)
+    return (f"bus: overloaded, full for {0.1 * full:.1f} s on end, {frames_lost} frames lost",)
 
 
-OVERLOAD = 0.97
+def _longest(flags: NDArray[np.bool_]) -> int:
+    """Length of the longest run of True."""
+    best = run = 0
+    for flag in flags:
+        run = run + 1 if flag else 0
+        best = max(best, run)
+    return best
+
+
+FULL = 0.97
+OVERLOAD_WINDOWS = 10
+"""So many windows of 100 ms on end; the SDO traffic of the start-up fills the bus for less."""
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, str | int | float | bool]:

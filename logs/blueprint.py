@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -10,6 +11,7 @@ import rerun.blueprint as rrb
 
 from logs.scene import ELLIPSOID_SCALE, PATHS
 from stack.kinematics import ArmModel
+from stack.messages import Vector
 
 TIMELINE = "sim_time"
 _OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/all")
@@ -53,11 +55,34 @@ def _joint_titles(arm: ArmModel) -> list[str]:
     return [f"{row.name} [{'rad' if row.revolute else 'm'}]" for row in arm.description.joints]
 
 
-def blueprint(arm: ArmModel, around: tuple[np.ndarray, np.ndarray] | None = None) -> rrb.Blueprint:
-    """The layout for the robot that carries `arm`. `around`: lowest and highest corner (3,) of what the eye shall see, in the world."""
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What the eye shall see: lowest and highest corner (3,) in the world, and from which horizontal side (2,), of length 1."""
+
+    low: Vector
+    high: Vector
+    side: Vector
+
+    @staticmethod
+    def of(tcp: tuple[Vector, Vector], platform: tuple[Vector, Vector], low: Vector, high: Vector) -> Stage:
+        """Looks across the way that the TCP has gone, from the side on which the arm is; `tcp`, `platform`: first, last (3,)."""
+        travel = (tcp[1] - tcp[0])[:2]
+        length = float(np.linalg.norm(travel))
+        side = np.array([travel[1], -travel[0]]) / length if length > 0.3 else np.array([0.42, -0.91])
+        reach = (tcp[1] - platform[1])[:2]
+        margin = np.array([0.4, 0.4, 0.0])
+        floor = np.minimum(low, [np.inf, np.inf, 0.0])
+        return Stage(floor - margin, high + margin, side if float(reach @ side) >= -0.1 else -side)
+
+
+START = Stage(np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]), np.array([0.42, -0.91]))
+
+
+def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
+    """The layout for the robot that carries `arm`. `stage`: where the eye looks when it opens."""
     contents = view_contents(arm)
     titles = list(contents)
-    scene = _scene(titles[0], contents[titles[0]], arm.name, around)
+    scene = _scene(titles[0], contents[titles[0]], arm.name, stage)
 
     def plot(
         title: str, *, legend: bool = True, low: float | None = None, high: float | None = None
@@ -140,13 +165,10 @@ def blueprint(arm: ArmModel, around: tuple[np.ndarray, np.ndarray] | None = None
     )
 
 
-def _scene(
-    title: str, contents: Sequence[str], robot: str, around: tuple[np.ndarray, np.ndarray] | None
-) -> rrb.Spatial3DView:
-    low, high = around if around is not None else (np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]))
-    target = 0.5 * (low + high)
-    distance = 0.7 * float(np.linalg.norm(high - low)) + 0.3
-    eye = target + distance * np.array([0.45, -0.75, 0.48])
+def _scene(title: str, contents: Sequence[str], robot: str, stage: Stage) -> rrb.Spatial3DView:
+    target = 0.5 * (stage.low + stage.high)
+    distance = 0.85 * float(np.linalg.norm(stage.high - stage.low)) + 0.3
+    eye = target + distance * np.append(0.85 * stage.side, 0.5)
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     )

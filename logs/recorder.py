@@ -11,12 +11,13 @@ import numpy as np
 import rerun as rr
 
 from logs import palette
-from logs.blueprint import TIMELINE, blueprint
+from logs.blueprint import TIMELINE, Stage, blueprint
 from logs.events import Event
 from logs.plots import Plots, all_series
 from logs.scene import Scene
 from logs.signals import DecodedBlock, Ints, StateChange
 from stack.kinematics import ArmModel
+from stack.messages import Vector
 
 APPLICATION = "canipulator"
 FLUSH_TIMEOUT_S = 2.0
@@ -51,6 +52,7 @@ class RerunRecorder:
         self._sync_cycle = np.empty(0, np.int64)
         self._plots, self._scene = Plots(arm), Scene(arm, urdf)
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._ends: dict[str, tuple[Vector, Vector]] = {}
         self._styled: set[str] = set()
         self._restrictions: set[str] = {"none"}
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
@@ -70,10 +72,9 @@ class RerunRecorder:
 
     def close(self) -> None:
         """Sets the eye to where the robot went, flushes, and closes the file."""
-        if np.all(np.isfinite(self._low)):
-            margin = np.array([0.5, 0.5, 0.0])
-            around = (np.minimum(self._low, [np.inf, np.inf, 0.0]) - margin, self._high + margin)
-            self._stream.send_blueprint(blueprint(self._arm, around))
+        if self._ends:
+            stage = Stage.of(self._ends["truth/pose_WE"], self._ends["truth/pose_WB"], self._low, self._high)
+            self._stream.send_blueprint(blueprint(self._arm, stage))
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._stream.disconnect()
 
@@ -109,8 +110,11 @@ class RerunRecorder:
         for name in ("truth/pose_WB", "truth/pose_WE"):
             pose = block.signals.get(name)
             if pose is not None:
-                self._low = np.minimum(self._low, pose.values[:, :3, 3].min(axis=0))
-                self._high = np.maximum(self._high, pose.values[:, :3, 3].max(axis=0))
+                position = pose.values[:, :3, 3]
+                self._low = np.minimum(self._low, position.min(axis=0))
+                self._high = np.maximum(self._high, position.max(axis=0))
+                first = self._ends[name][0] if name in self._ends else position[0]
+                self._ends[name] = (first, position[-1])
 
     def _cycles(self, t_ns: Ints) -> Ints:
         """Arm cycle of each time: that of the last SYNC at or before it; counted on by the period after the last one."""

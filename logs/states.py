@@ -185,17 +185,18 @@ def _event_of(change: StateChange) -> Event | None:
     """The event of a state change, or None for what is no news."""
     group, _, name = change.lane.partition("/")
     if group == "nodes":
-        level = Level.ERROR if change.state == LOST else Level.INFO
+        level = {LOST: Level.ERROR, "stopped": Level.WARN}.get(change.state, Level.DEBUG)
         return Event(change.t_ns, level, name, f"NMT state: {change.state}")
     if group == "drives" and name != "all":
         if change.state.startswith("fault"):
             return Event(change.t_ns, Level.ERROR, name, change.state)
         return Event(change.t_ns, Level.DEBUG, name, change.state)
     if change.lane == "planner/phase":
-        level = Level.ERROR if change.state == "fault" else Level.INFO
+        level = Level.ERROR if change.state == "fault" else Level.DEBUG  # the planner tells of the others itself
         return Event(change.t_ns, level, "planner", f"phase: {change.state}")
     if group == "mission":
-        return Event(change.t_ns, Level.INFO, "strategic", f"{name}: {change.state}")
+        level = Level.INFO if name == "mode" else Level.DEBUG
+        return Event(change.t_ns, level, "strategic", f"{name}: {change.state}")
     if change.lane == "planner/restrictions" and (
         "infeasible" in change.state or "stale" in change.state or "degraded" in change.state
     ):

@@ -1,4 +1,4 @@
-"""The robot in PyBullet: loading, one step, what acts on it, and where everything is.
+"""The robot in PyBullet: one step, what acts on it, and where everything is.
 
 Settings and their reasons are measured ones: 1 kHz, deterministic pair order, no damping, no default motors, sphere
 wheels that roll exactly. Only wheels and castor (and the gripper, if wanted) take part in collisions.
@@ -7,51 +7,17 @@ wheels that roll exactly. Only wheels and castor (and the gripper, if wanted) ta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sim.bullet import pybullet, quiet
+from sim.loading import FLOOR, GRIPPER, OBSTACLES, WHEELS, PhysicsParameters, RobotNames, load, solid
 from sim.rotation import cross, inverse, pose_of, quaternion_of
 from stack.messages import Matrix, Vector
 
-FLOOR, WHEELS, GRIPPER, OBSTACLES = 1, 2, 4, 8
-"""Collision groups; a door that the gripper shall be able to hit belongs to OBSTACLES with mask GRIPPER."""
-
-
-@dataclass(frozen=True)
-class RobotNames:
-    """Names in the URDF: child links of the wheel joints and arm joints, and the frames of the hand."""
-
-    wheels: tuple[str, str] = ("wheel_left", "wheel_right")
-    castor: str = "castor"
-    arm: tuple[str, ...] = (
-        "tower", "lift", "shoulder", "upper_arm", "elbow", "lower_arm", "wrist_tilt", "wrist_pan"
-    )  # fmt: skip
-    force_sensor: str = "force_sensor"
-    gripper: str = "gripper"
-    tcp: str = "tcp"
-
-
-@dataclass(frozen=True)
-class PhysicsParameters:
-    """Settings of the physics; the defaults are those that were measured to be right and fast."""
-
-    step_s: float = 1e-3
-    solver_iterations: int = 50
-    braked_iterations: int = 200
-    """while a brake is closed: braked joints are constraints, and the solver takes longer to agree on them"""
-    solver_residual: float = 1e-11
-    """(m/s)²: the solver stops early below it; at 1e-9 a parked robot creeps ten times as fast"""
-    gravity: float = 9.81
-    wheel_friction: float = 0.9
-    floor_friction: float = 1.0
-    gripper_touches: bool = False
-    """whether the gripper collides with floor and obstacles"""
-    grasp_force: float = 300.0
-    """N, the most that a grasp holds"""
+__all__ = ["FLOOR", "GRIPPER", "OBSTACLES", "WHEELS", "Physics", "PhysicsParameters", "RobotNames"]
 
 
 class Physics:
@@ -65,7 +31,11 @@ class Physics:
         self.urdf = urdf
         with quiet():
             self.client: int = pybullet.connect(pybullet.DIRECT)
-        self.load()
+        try:
+            self.load()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Disconnect; the object is of no further use. May be called again."""
@@ -73,33 +43,21 @@ class Physics:
             pybullet.disconnect(self.client)
             self.client = -1
 
-    # --- loading -----------------------------------------------------------------------------------------------------
-
     def load(self) -> None:
         """Start again from an empty world: floor, robot at the origin, everything at zero and loose."""
-        p, client, settings = pybullet, self.client, self.parameters
-        p.resetSimulation(physicsClientId=client)
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=settings.step_s,
-            numSolverIterations=settings.solver_iterations,
-            solverResidualThreshold=settings.solver_residual,
-            numSubSteps=0,
-            deterministicOverlappingPairs=1,
-            physicsClientId=client,
-        )
-        p.setGravity(0.0, 0.0, -settings.gravity, physicsClientId=client)
-        plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
-        self.floor: int = p.createMultiBody(0.0, plane, physicsClientId=client)
-        p.changeDynamics(self.floor, -1, lateralFriction=settings.floor_friction, physicsClientId=client)
-        p.setCollisionFilterGroupMask(self.floor, -1, FLOOR, WHEELS | GRIPPER | OBSTACLES, physicsClientId=client)
-        with quiet():
-            self.robot: int = p.loadURDF(str(self.urdf), flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
-        self._index_links()
-        self._free_joints()
-        self._set_contacts()
-        inertial = p.getDynamicsInfo(self.robot, -1, physicsClientId=client)
+        loaded = load(self.client, self.urdf, self.parameters, self.names)
+        self.floor, self.robot, self.link = loaded.floor, loaded.robot, loaded.link
+        self.wheel_joints, self.arm_joints = loaded.wheel_joints, loaded.arm_joints
+        self.peak_torque, self.velocity_limit = loaded.peak_torque, loaded.velocity_limit
+        self._drives = [*self.wheel_joints, *self.arm_joints]
+        inertial = pybullet.getDynamicsInfo(self.robot, -1, physicsClientId=self.client)
         self._base_from_com = inverse(pose_of(inertial[3], inertial[4]))
         self._com_to_base = -np.array(inertial[3])
+        self.q: Vector = np.zeros(len(self.arm_joints))
+        self.dq: Vector = np.zeros(len(self.arm_joints))
+        self.wheel_angle: Vector = np.zeros(2)
+        self.wheel_rate: Vector = np.zeros(2)
+        self._loose = [True] * len(self.arm_joints)
         self.grasps: list[int] = []
         self.external: Vector = np.zeros(6)
         """Force and torque about the TCP (world axes) that acted on the gripper in the last step, N and N·m."""
@@ -109,77 +67,9 @@ class Physics:
         self._hand: tuple[Any, ...] | None = None
         self.sense()
 
-    def _index_links(self) -> None:
-        p, names = pybullet, self.names
-        self.link: dict[str, int] = {}
-        self._info: dict[str, tuple[Any, ...]] = {}
-        for index in range(p.getNumJoints(self.robot, physicsClientId=self.client)):
-            info = p.getJointInfo(self.robot, index, physicsClientId=self.client)
-            self.link[info[12].decode()] = index
-            self._info[info[12].decode()] = info
-        wanted = (*names.wheels, names.castor, *names.arm, names.force_sensor, names.gripper, names.tcp)
-        missing = [name for name in wanted if name not in self.link]
-        if missing:
-            raise ValueError(f"{self.urdf} has no link {', '.join(missing)}; it has {', '.join(self.link)}")
-        self.wheel_joints = [self.link[name] for name in names.wheels]
-        self.arm_joints = [self.link[name] for name in names.arm]
-        self._drives = self.wheel_joints + self.arm_joints
-        self.q: Vector = np.zeros(len(self.arm_joints))
-        self.dq: Vector = np.zeros(len(self.arm_joints))
-        self.wheel_angle: Vector = np.zeros(2)
-        self.wheel_rate: Vector = np.zeros(2)
-        self._loose = [True] * len(self.arm_joints)
-
-    def _free_joints(self) -> None:
-        p = pybullet
-        for index in range(-1, len(self.link)):
-            p.changeDynamics(
-                self.robot, index, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=self.client
-            )
-        for joint in self._drives:  # each starts with a motor of 1000 N·m
-            p.setJointMotorControl2(self.robot, joint, p.VELOCITY_CONTROL, force=0.0, physicsClientId=self.client)
-
-    def _set_contacts(self) -> None:
-        p, names, settings = pybullet, self.names, self.parameters
-        for index in range(-1, len(self.link)):
-            p.changeDynamics(
-                self.robot,
-                index,
-                lateralFriction=settings.wheel_friction if index in self.wheel_joints else 0.0,
-                rollingFriction=0.0,
-                spinningFriction=0.0,
-                restitution=0.0,
-                physicsClientId=self.client,
-            )
-            p.setCollisionFilterGroupMask(self.robot, index, 0, 0, physicsClientId=self.client)
-        for name in (*names.wheels, names.castor):
-            p.setCollisionFilterGroupMask(self.robot, self.link[name], WHEELS, FLOOR, physicsClientId=self.client)
-        if settings.gripper_touches:
-            gripper = self.link[names.gripper]
-            p.setCollisionFilterGroupMask(self.robot, gripper, GRIPPER, FLOOR | OBSTACLES, physicsClientId=self.client)
-            p.changeDynamics(self.robot, gripper, lateralFriction=0.5, physicsClientId=self.client)
-
-    # --- what the URDF says ------------------------------------------------------------------------------------------
-
-    @property
-    def peak_torque(self) -> Vector:
-        """Effort limits of the arm joints (8,), N·m or N."""
-        return np.array([self._info[name][10] for name in self.names.arm])
-
-    @property
-    def velocity_limit(self) -> Vector:
-        """Velocity limits of the arm joints (8,), rad/s or m/s."""
-        return np.array([self._info[name][11] for name in self.names.arm])
-
     def solid(self, link: str) -> tuple[float, Vector, Vector]:
-        """Mass (kg), centre of mass in the link frame (3,), principal moments of inertia (3,) of a link.
-
-        Raises ValueError if the principal axes are not those of the link.
-        """
-        info = pybullet.getDynamicsInfo(self.robot, self.link[link], physicsClientId=self.client)
-        if not np.allclose(info[4], (0.0, 0.0, 0.0, 1.0)):
-            raise ValueError(f"link {link}: inertia is turned against the link frame, which is not supported")
-        return float(info[0]), np.array(info[3]), np.array(info[2])
+        """Mass (kg), centre of mass in the link frame (3,), principal moments of inertia (3,) of a link."""
+        return solid(self.client, self.robot, self.link[link])
 
     # --- placing -----------------------------------------------------------------------------------------------------
 

@@ -66,7 +66,7 @@ def rotation_vector_of(rotation: Matrix) -> Vector:
     return vector
 
 
-def rotation_of(vector: Sequence[float]) -> Matrix:
+def rotation_of(vector: Sequence[float] | Vector) -> Matrix:
     """Rotation (3, 3) from a rotation vector (3,) (Rodrigues)."""
     v = np.asarray(vector, dtype=np.float64)
     angle = float(np.linalg.norm(v))

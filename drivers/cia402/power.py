@@ -15,6 +15,7 @@ from drivers.cia402.configuration import verify_process_data
 from drivers.cia402.states import State
 
 RESET_TRIES = 3
+STANDING_NS = 50_000_000
 
 
 class Controlword(IntEnum):
@@ -63,18 +64,21 @@ def disable(axis: AxisClient, timeout_ns: int) -> Sequence[None]:
 def quick_stop(axis: AxisClient, timeout_ns: int, standstill_raw: float, stays: bool) -> Sequence[bool]:
     """Stops on the quick-stop ramp. True: standing under torque; False: stopped and switched off.
 
-    `stays`: 605Ah is 5 or 6, else the drive switches off by itself. Standing: at most `standstill_raw` from SYNC to SYNC.
+    `stays`: 605Ah is 5 or 6, else the drive switches off by itself. Standing: at most `standstill_raw` from SYNC to SYNC
+    for `STANDING_NS`, so that swinging back is not taken for it.
     """
     axis.controlword = Controlword.QUICK_STOP
     ends = (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
     yield Until(lambda: axis.state in ends, timeout_ns, "quick stop active", lambda: _shown(axis))
-    first_ns = axis.received_ns
+    moved_ns = axis.received_ns
 
     def stands() -> bool:
-        if axis.state is State.QUICK_STOP_ACTIVE and stays:
-            moved = abs(axis.position_raw - axis.previous_position_raw)
-            return axis.received_ns != first_ns and moved <= standstill_raw
-        return axis.state is State.SWITCH_ON_DISABLED
+        nonlocal moved_ns
+        if axis.state is not State.QUICK_STOP_ACTIVE or not stays:
+            return axis.state is State.SWITCH_ON_DISABLED
+        if abs(axis.position_raw - axis.previous_position_raw) > standstill_raw:
+            moved_ns = axis.received_ns
+        return axis.received_ns - moved_ns >= STANDING_NS
 
     def came() -> str:
         return f"{_shown(axis)}, {axis.position_raw - axis.previous_position_raw} position units per SYNC"

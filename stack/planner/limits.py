@@ -86,8 +86,10 @@ def restrict_active(
     all_rows = np.zeros((total, n))
     all_floor = np.zeros(total)
     all_softness = np.zeros(total)
-    all_rows[:k] = rows
-    all_floor[:k] = values
+    for i in range(k):
+        all_floor[i] = values[i]
+        for j in range(n):
+            all_rows[i, j] = rows[i, j]
     at = k
     for i in range(n):
         if active[i]:

@@ -169,10 +169,8 @@ class Mission:
 def _failure(state: MissionState, inputs: MissionInputs) -> str | None:
     if inputs.sdo_failure is not None:
         return f"the planner's dictionary cannot be used: {inputs.sdo_failure}"
-    if state.stage is Stage.WAITING:
-        return None
     if inputs.planner is None:
-        return "the planner has fallen silent"
+        return None if state.stage is Stage.WAITING else "the planner has fallen silent"
     if inputs.planner.phase is PlannerPhase.FAULT:
         return "the planner reports a fault"
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import struct
 from dataclasses import replace
 
@@ -86,9 +87,7 @@ def test_heartbeat_tells_the_state_in_its_period() -> None:
     bench.run(40 * MS)
     assert bench.sent(0x705) == [b"\x7f"] * 3 + [b"\x05"] * 2 + [b"\x04"] * 2
     times = [frame.t_ns for frame in bench.heard if frame.can_id == 0x705]
-    assert [after - before for before, after in zip(times, times[1:], strict=False)] == pytest.approx(
-        [20 * MS] * 6, abs=60_000
-    )
+    assert [after - before for before, after in itertools.pairwise(times)] == pytest.approx([20 * MS] * 6, abs=60_000)
 
 
 def test_watched_node_that_falls_silent_is_8130() -> None:

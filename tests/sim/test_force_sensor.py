@@ -22,9 +22,7 @@ WEIGHT_W = np.array([0.0, 0.0, -9.81 * GRIPPER_KG])
 
 
 def silent(compensation: Compensation) -> WorldParameters:
-    return WorldParameters(
-        slip=SlipParameters(sigma=0.0), force_sensor=ForceSensorParameters(0.0, 0.0, compensation)
-    )
+    return WorldParameters(slip=SlipParameters(sigma=0.0), force_sensor=ForceSensorParameters(0.0, 0.0, compensation))
 
 
 def settled(one: Any, cycles: int = 150) -> None:

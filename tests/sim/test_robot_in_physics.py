@@ -231,7 +231,7 @@ def test_robot_of_defaults_stands_at_the_home_of_its_file() -> None:
 
 
 def test_a_missing_urdf_and_a_missing_link_are_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="nowhere.urdf"):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.urdf"):
         World(tmp_path / "nowhere.urdf")
     with pytest.raises(ValueError, match="no link claw"):
         Physics(URDF, PhysicsParameters(), RobotNames(gripper="claw"))

@@ -43,7 +43,7 @@ class Weights:
     beta: float = 3.0
     gamma: float = 1.0
     patience: float = 1.0
-    delta: float = 1e-5
+    delta: float = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,19 +149,17 @@ def _minimise(
     n = gradient.size
     sense = np.zeros(lower.size, dtype=np.int32)
     sense[n : n + equalities] = 5
-    # rows and unknowns of like size: metres and radians of one cycle are small
-    scale = 1.0 / np.sqrt(np.diag(hessian))
     solution, _, flag, _ = daqp.solve(
-        np.ascontiguousarray(hessian * np.outer(scale, scale)),
-        gradient * scale,
-        np.ascontiguousarray(rows * scale),
-        np.clip(upper / np.append(scale, np.ones(rows.shape[0])), -1e30, 1e30),
-        np.clip(lower / np.append(scale, np.ones(rows.shape[0])), -1e30, 1e30),
+        np.ascontiguousarray(hessian),
+        np.ascontiguousarray(gradient),
+        np.ascontiguousarray(rows),
+        np.clip(upper, -1e30, 1e30),
+        np.clip(lower, -1e30, 1e30),
         sense,
-        primal_tol=1e-11,
+        primal_tol=1e-12,
         iter_limit=200,
     )
-    y = np.asarray(solution) * scale
+    y = np.asarray(solution)
     return y if flag == _OPTIMAL and bool(np.isfinite(y).all()) else None
 
 

@@ -15,6 +15,9 @@ from stack.planner.resolvers.decomposition import damped_inverse, orthogonalise,
 from stack.servo.compiled import compiled
 
 _DEPENDENT = 1e-9
+_ROUNDS = 14
+_CONVERGED = 1e-15
+_HELD = 1e-12
 
 
 @compiled
@@ -118,41 +121,33 @@ def _row_lengths(rows: Matrix, weight: Matrix) -> Vector:
 
 
 @compiled
-def _soft_targets(rotation: Matrix, values: Vector, softness: Vector, residual: Vector) -> tuple[Vector, Vector]:
-    """Row values that a soft restriction aims at, relative to its floor: each scales down the rate that its row would have if only the
-    others held. (M̃ (1 − s) + diag(s M̃_jj)) η = −residual, target = −s_j M̃_jj η_j; hard rows (s = 0) aim at 0."""
-    k = softness.shape[0]
-    system = np.zeros((k, k))
-    diagonal = np.zeros(k)
+def _inverse(matrix: Matrix) -> Matrix:
+    """Inverse of a small regular matrix, by elimination with pivoting."""
+    k = matrix.shape[0]
+    left = matrix.copy()
+    right = np.zeros((k, k))
     for i in range(k):
-        for j in range(k):
-            for a in range(k):
-                system[i, j] += rotation[a, i] * values[a] * rotation[a, j]
-        diagonal[i] = system[i, i]
-    for i in range(k):
-        for j in range(k):
-            system[i, j] *= 1.0 - softness[j]
-        system[i, i] += softness[i] * diagonal[i]
-    eta = -residual
+        right[i, i] = 1.0
     for p in range(k):
         best = p
         for i in range(p + 1, k):
-            if abs(system[i, p]) > abs(system[best, p]):
+            if abs(left[i, p]) > abs(left[best, p]):
                 best = i
         if best != p:
             for j in range(k):
-                system[p, j], system[best, j] = system[best, j], system[p, j]
-            eta[p], eta[best] = eta[best], eta[p]
-        for i in range(p + 1, k):
-            factor = system[i, p] / system[p, p]
-            for j in range(p, k):
-                system[i, j] -= factor * system[p, j]
-            eta[i] -= factor * eta[p]
-    for p in range(k - 1, -1, -1):
-        for j in range(p + 1, k):
-            eta[p] -= system[p, j] * eta[j]
-        eta[p] /= system[p, p]
-    return -softness * diagonal * eta, eta
+                left[p, j], left[best, j] = left[best, j], left[p, j]
+                right[p, j], right[best, j] = right[best, j], right[p, j]
+        pivot = left[p, p]
+        for j in range(k):
+            left[p, j] /= pivot
+            right[p, j] /= pivot
+        for i in range(k):
+            if i != p:
+                factor = left[i, p]
+                for j in range(k):
+                    left[i, j] -= factor * left[p, j]
+                    right[i, j] -= factor * right[p, j]
+    return right
 
 
 @compiled
@@ -160,7 +155,9 @@ def _overwrite(dq: Vector, rows: Matrix, target: Vector) -> None:
     """Move dq by the shortest way to where `rows·dq = target` (for rows that are single joints: overwrite those joints)."""
     k, n = rows.shape
     x = rows.copy()
-    w = np.eye(k)
+    w = np.zeros((k, k))
+    for i in range(k):
+        w[i, i] = 1.0
     orthogonalise(x, w)
     largest = 0.0
     lengths = np.zeros(k)
@@ -169,7 +166,10 @@ def _overwrite(dq: Vector, rows: Matrix, target: Vector) -> None:
             lengths[i] += x[i, j] * x[i, j]
         largest = max(largest, lengths[i])
     for _refine in range(2):
-        missing = target - rows @ dq
+        missing = target.copy()
+        for i in range(k):
+            for j in range(n):
+                missing[i] -= rows[i, j] * dq[j]
         for i in range(k):
             if lengths[i] > _DEPENDENT * _DEPENDENT * largest:
                 dot = 0.0
@@ -190,54 +190,66 @@ def restrict(
     softness: Vector,
     epsilon: float,
 ) -> tuple[Vector, Vector, bool]:
-    """Correct q̇_u so that `rows·q̇` meets its targets: `floor` (k,) for hard rows (softness 0), and
+    """Correct q̇_u so that `rows·q̇` (k,) meets its targets: `floor` for hard rows (softness 0), and
     `floor + s (rate without this row − floor)` for soft ones (softness s in (0, 1]).
 
-    Returns q̇ (n,), η (k,) whose sign tells on which side a row pulls, and whether damping was needed because the restrictions'
-    own matrix C G⁻¹Cᵀ is near-singular. Where it was, the rows are met by overwriting and the task gives way.
+    In terms of M = C G⁻¹ Cᵀ (rows normalised, so M_jj ≤ 1 is how free of the task a row is):
+    (M (1 − s) + diag(s M_jj)) η = floor − rows·q̇_u, and q̇ = q̇_u + N G⁻¹ Cᵀ (1 − s) η.
+    Solved by iterated damping, exact after a few rounds where M is regular; where it is singular to `epsilon` the rows are met by
+    overwriting and the task gives way. The damping belongs to a row and does not depend on which others are present, so a row that
+    enters or leaves while it does not pull changes nothing. Returns q̇ (n,), η (k,), whose sign tells to which side a row
+    pulls, and whether overwriting was needed.
     """
     k, n = rows.shape
     r = white.shape[0]
     lengths = _row_lengths(rows, weight)
-    x = np.zeros((k, r))
-    residual = np.empty(k)
+    into = np.zeros((k, r))
     for i in range(k):
-        value = -floor[i]
-        for j in range(n):
-            value += rows[i, j] * dq_unconstrained[j]
-        residual[i] = value / lengths[i]
         for a in range(r):
-            dot = 0.0
             for j in range(n):
-                dot += rows[i, j] * white[a, j]
-            x[i, a] = dot / lengths[i]
-    rotation = np.eye(k)
-    orthogonalise(x, rotation)
-    values = np.zeros(k)
-    damped = False
+                into[i, a] += rows[i, j] * white[a, j]
+            into[i, a] /= lengths[i]
+    system = np.zeros((k, k))
     for i in range(k):
-        for a in range(r):
-            values[i] += x[i, a] * x[i, a]
-        damped = damped or values[i] < epsilon
-        values[i] = prop(values[i], epsilon)
-    target, eta = _soft_targets(rotation, values, softness, residual)
+        for j in range(k):
+            for a in range(r):
+                system[i, j] += into[i, a] * into[j, a]
+    soft = np.empty(k)
+    for i in range(k):
+        soft[i] = softness[i] * prop(system[i, i], epsilon)
+        for j in range(k):
+            system[i, j] *= 1.0 - softness[j]
+        system[i, i] += max(soft[i], epsilon)
+    inverse = _inverse(system)
+    eta = np.zeros(k)
+    missing = np.empty(k)
     dq = dq_unconstrained.copy()
-    for _refine in range(1 if damped else 2):
+    damped = False
+    for _round in range(_ROUNDS):
+        worst = 0.0
+        size = 1.0
         for i in range(k):
-            dot = 0.0
-            for j in range(k):
-                missing = target[j] + floor[j] / lengths[j]
-                for c in range(n):
-                    missing -= rows[j, c] * dq[c] / lengths[j]
-                dot += rotation[i, j] * missing
-            dot /= values[i]
-            residual[i] = dot
-        for a in range(r):
-            along = 0.0
-            for i in range(k):
-                along += x[i, a] * residual[i]
+            rate = 0.0
             for j in range(n):
-                dq[j] += along * white[a, j]
+                rate += rows[i, j] * dq[j]
+            missing[i] = (floor[i] - rate) / lengths[i] - soft[i] * eta[i]
+            worst = max(worst, abs(missing[i]))
+            size = max(size, abs(eta[i]))
+        damped = worst > _HELD * size
+        if worst <= _CONVERGED * size:
+            break
+        for i in range(k):
+            change = 0.0
+            for j in range(k):
+                change += inverse[i, j] * missing[j]
+            eta[i] += change
+            change *= 1.0 - softness[i]
+            for a in range(r):
+                along = change * into[i, a]
+                for j in range(n):
+                    dq[j] += along * white[a, j]
     if damped:
-        _overwrite(dq, rows, target * lengths + floor)
+        for i in range(k):
+            missing[i] = floor[i] - soft[i] * lengths[i] * eta[i]
+        _overwrite(dq, rows, missing)
     return dq, eta, damped

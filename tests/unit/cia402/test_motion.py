@@ -114,6 +114,25 @@ def test_wheel_follows_its_velocity_and_turns_on_past_32_bits() -> None:
     assert rig.drive.state is State.OPERATION_ENABLED
 
 
+def test_position_mode_of_an_endless_axis_takes_the_nearest_place_that_reads_like_the_target() -> None:
+    rig = Rig(WHEEL, defaults={(0x6060, 0): 8, (0x1600, 2): 0x607A_0020})
+    rig.plant.position[0] = 2147.0  # 32 bits end at 2147.483 rad
+    master = Master(rig)
+    master.nmt(1)
+    for word in (0x06, 0x07):
+        master.command(word)
+    master.sends_rpdo = False
+    rig.run(10 * MS)
+    target = 2_147_000_000
+    for _ in range(150):
+        target = (target + 20_000 + (1 << 31)) % (1 << 32) - (1 << 31)
+        master.port.send(0x200 + WHEEL, struct.pack("<Hih", 0x0F, target, 0))
+        rig.run(10 * MS)
+    assert target < 0
+    assert rig.plant.position[0] == pytest.approx(2150.0, abs=0.3)
+    assert max(map(abs, rig.velocities)) < 5.0
+
+
 def test_wheel_refuses_torque_mode_since_its_plant_takes_none() -> None:
     rig, master = enabled(WHEEL)
     assert master.write(WHEEL, 0x6060, 0, b"\x0a") == 0x0609_0030

@@ -92,6 +92,15 @@ def test_what_is_listened_to_is_not_changed(run: Motion, tmp_path: Path) -> None
         np.testing.assert_array_equal(tables[0][name].values, tables[1][name].values)
 
 
+def test_without_waiting_late_blocks_are_counted_and_the_table_is_whole(run: Motion, tmp_path: Path) -> None:
+    log = _log(tmp_path, wait=False, block_ns=PERIOD_NS, compact=False)
+    play(run, log.on_frame, log.on_truth)
+    table = log.close()
+    assert log.written_blocks + log.dropped_blocks == len(run.truths)
+    assert len(table["joints/position/actual"]) == len(run.truths)
+    assert sum("cannot keep up" in event.text for event in table.events) == (log.dropped_blocks > 0)
+
+
 def test_a_disk_that_is_full_costs_the_recording_not_the_run(run: Motion, tmp_path: Path) -> None:
     log = _log(tmp_path, recording=Path("/dev/full"))
     frames = play(run, log.on_frame, log.on_truth)
@@ -102,6 +111,33 @@ def test_a_disk_that_is_full_costs_the_recording_not_the_run(run: Motion, tmp_pa
     told = [event for event in table.events if event.source == "recorder"]
     assert [event.level for event in told] == [Level.ERROR]
     assert (tmp_path / "events.log").read_text().count("recording ended") == 1
+
+
+FILLED_UP = """
+import resource, sys
+from pathlib import Path
+from logs.run_log import RunInfo, RunLog
+from tests.unit.logs.synthetic_run import DEVICES, PERIOD_NS, motion, play
+
+folder = Path(sys.argv[1])
+log = RunLog(DEVICES.values(), "moma8", RunInfo("full"), sync_period_ns=PERIOD_NS,
+             recording=folder / "run.rrd", event_log=folder / "events.log", compact=False)
+resource.setrlimit(resource.RLIMIT_FSIZE, ((folder / "run.rrd").stat().st_size + 600_000,) * 2)
+play(motion(600), log.on_frame, log.on_truth)
+table = log.close()
+print(len(table["truth/q"]), log.written_blocks, log.recorder_fault is not None)
+"""
+
+
+def test_a_disk_that_fills_up_in_mid_run_leaves_what_was_written(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", FILLED_UP, str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    samples, blocks, faulty = done.stdout.split()
+    assert (samples, faulty) == ("600", "True")
+    assert 1 <= int(blocks) < 5
+    assert (tmp_path / "events.log").read_text().count("recording ended") == 1
+    assert optimise(tmp_path / "run.rrd")
+    assert _rows(tmp_path / "run.rrd")["joints/position/actual"] >= 100 * int(blocks) - 2
 
 
 def test_a_folder_that_is_not_there_costs_the_recording_not_the_run(run: Motion, tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_a_node_that_falls_silent_is_lost_and_comes_back() -> None:
         StateChange(550 * ms, "nodes/planner", "lost"),
         StateChange(1000 * ms, "nodes/planner", "operational"),
     )
-    assert [event.level for event in block.events] == [Level.INFO, Level.ERROR, Level.INFO]
+    assert [event.level for event in block.events] == [Level.DEBUG, Level.ERROR, Level.DEBUG]
 
 
 def test_restrictions_in_words() -> None:

@@ -305,3 +305,23 @@ def test_device_without_the_fast_objects_is_refused(make_cell: MakeCell) -> None
     with pytest.raises(ValueError, match=r"tower_rotate: RPDO1 maps 6040h, 607Ah; must be"):
         make_cell().master.__class__([replace(device, pdos=pdos)], lambda *_: True, make_cell().clock)
     assert isinstance(pdos[0], PdoDef)
+
+
+def test_a_value_that_does_not_stay_in_the_drive_is_noticed(cell: Any) -> None:
+    cell.drives[22].node.dictionary.bind(0x1017, source=lambda: 77)
+    cell.power_on()
+    cell.run(0.5)
+    (event,) = cell.failures()
+    assert event.node_id == 22
+    assert "expected 100 in 1017h sub 0 after it was written, came 77" in event.text
+
+
+def test_a_heartbeat_that_only_the_set_up_has_switched_on_is_given_time(make_cell: MakeCell) -> None:
+    """Boot-up at 0, no heartbeat until 1017h is written at 620 ms: not lost at the second look, at 700 ms."""
+    silent = with_defaults(devices()[11], {(0x1017, 0): 0})
+    cell = make_cell(drive_devices={11: silent}, times=MasterTimes(sdo_attempts=5))
+    cell.fault = lost_answers(11, 3)
+    cell.power_on()
+    assert 0.6 < cell.run_to(MasterPhase.READY) < 0.66
+    cell.run(1.0)
+    assert cell.failures() == []

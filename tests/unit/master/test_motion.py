@@ -64,6 +64,7 @@ def test_joints_follow_positions_and_wheels_velocities(swinging: Any) -> None:
     expected = swing.start + 0.1 * (1.0 - math.cos(2.0 * t))
     np.testing.assert_allclose(swinging.plant.position[WHEELS:], expected[WHEELS:], atol=4e-3)
     np.testing.assert_allclose(swinging.plant.velocity[:WHEELS], (1.0, -0.5), atol=1e-3)
+    np.testing.assert_allclose(swinging.master.targets()[:WHEELS], (1.0, -0.5))  # also after the next feedback
     assert swinging.failures() == []
 
 
@@ -157,6 +158,7 @@ def test_quick_stop_under_torque_and_on_from_there_without_a_jump(make_cell: Mak
     cell.run(0.7)
     cell.master.quick_stop()
     cell.run_to(MasterPhase.STOPPED, 3.0)
+    assert np.abs(cell.plant.velocity).max() < 1e-2  # not before it stands
     assert {drive.state for drive in cell.drives.values()} == {State.QUICK_STOP_ACTIVE}
     cell.run(0.5)
     cell.master.enable()

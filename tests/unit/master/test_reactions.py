@@ -96,6 +96,7 @@ def test_a_fault_that_stays_is_not_reset_for_ever(make_cell: MakeCell) -> None:
     cell = make_cell(times=MasterTimes(transition_ns=100 * MS))
     cell.enabled()
     drive = cell.drives[21]
+    reset = drive._reset_fault
     drive._reset_fault = lambda: None  # the cause is still there
     drive._fault(EmcyCode.SENSOR, at_once=True)
     cell.run(0.1)
@@ -105,6 +106,30 @@ def test_a_fault_that_stays_is_not_reset_for_ever(make_cell: MakeCell) -> None:
     cell.run(1.0)
     assert [event.kind for event in cell.failures()] == [EventKind.DRIVE_FAULT, EventKind.RESET_FAILED]
     assert cell.master.phase is MasterPhase.FAULT
+    drive._reset_fault = reset
+    cell.master.reset_faults()  # needs a new rising edge of bit 7
+    cell.run_to(MasterPhase.ENABLED)  # the other nine
+    assert drive.state is State.SWITCH_ON_DISABLED
+
+
+def test_a_fault_whose_cause_goes_away_late_gets_another_edge(make_cell: MakeCell) -> None:
+    cell = make_cell(times=MasterTimes(transition_ns=100 * MS))
+    cell.enabled()
+    drive = cell.drives[21]
+    reset, edges = drive._reset_fault, []
+
+    def at_the_second_edge() -> None:
+        edges.append(cell.clock.now_ns())
+        if len(edges) == 2:
+            reset()
+
+    drive._reset_fault = at_the_second_edge
+    drive._fault(EmcyCode.SENSOR, at_once=True)
+    cell.run(0.1)
+    cell.master.reset_faults()
+    cell.run_to(MasterPhase.ENABLED)  # the other nine
+    assert len(edges) == 2
+    assert [event.kind for event in cell.failures()] == [EventKind.DRIVE_FAULT]
 
 
 def test_enabling_a_faulty_drive_is_refused(cell: Any) -> None:
@@ -221,12 +246,29 @@ def test_the_owner_may_stop_all_from_within_the_event(moving: Any) -> None:
 
 
 def test_an_axis_given_up_for_late_feedback_is_stopped_with_the_others(moving: Any) -> None:
-    moving.fault = drop(0x180 + 27)
+    moving.fault = drop(0x180 + 27, 4)
     moving.run(0.1)
+    only_failure(moving, 27, EventKind.FEEDBACK_LATE)
+    assert moving.drives[27].state is State.OPERATION_ENABLED  # it is there again, and holds
     moving.master.quick_stop()
     moving.run(1.0)
-    assert moving.drives[27].state is not State.OPERATION_ENABLED
-    assert np.abs(moving.plant.velocity).max() < 1e-2
+    assert {drive.state for drive in moving.drives.values()} == {State.SWITCH_ON_DISABLED}
+
+
+def test_an_axis_that_fails_while_it_is_enabled_is_not_led_on(cell: Any) -> None:
+    cell.power_on()
+    cell.run_to(MasterPhase.READY)
+    cell.run(0.1)
+    cell.master.enable()
+    cell.run(0.01)
+    cell.master.on_frame(Frame(0x700 + 26, b"\x04", cell.clock.now_ns()))
+    cell.wire.clear()
+    cell.run(0.5)
+    only_failure(cell, 26, EventKind.LEFT_OPERATIONAL)
+    assert cell.drives[26].state is State.SWITCH_ON_DISABLED
+    requests = [frame for frame in cell.wire if frame.can_id == 0x600 + 26]
+    assert len(requests) <= 2  # the one in flight,
+    assert requests[-1].data[0] == 0x80  # and its abort
 
 
 def test_a_dead_master_stops_everything(moving: Any) -> None:

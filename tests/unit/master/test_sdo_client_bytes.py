@@ -184,9 +184,10 @@ def test_silence_is_an_abort_to_the_server_a_retry_and_in_the_end_a_timeout() ->
 def test_retry_gets_its_answer_and_the_late_one_of_the_first_attempt_harms_nothing() -> None:
     server = Server()
     begin_upload(server)
-    server.run(101)  # the first segment got lost: again from the start
+    server.answer("00 01 02 03 04 05 06 07")
+    server.run(101)  # the second segment got lost: again from the start
     assert server.sent[-1] == "40 45 23 01 00 00 00 00"
-    server.answer("00 01 02 03 04 05 06 07")  # the lost one, late; belongs to nothing
+    server.answer("10 08 09 0a 0b 0c 0d 0e")  # the lost one, late; belongs to nothing
     server.answer("41 45 23 01 10 00 00 00")
     server.answer("41 45 23 01 10 00 00 00")  # once more: late too
     server.answer("00 01 02 03 04 05 06 07")

@@ -49,9 +49,7 @@ class NumpyServo:
         self.ticks += 1
         u = self.ticks / 10
         basis = np.array([2 * u**3 - 3 * u**2 + 1, u**3 - 2 * u**2 + u, -2 * u**3 + 3 * u**2, u**3 - u**2])
-        cubic = basis @ np.array(
-            [self.nodes[0], T * self.start_velocity, self.nodes[1], T * self.node_velocity]
-        )
+        cubic = basis @ np.array([self.nodes[0], T * self.start_velocity, self.nodes[1], T * self.node_velocity])
         cubic = np.clip(cubic, p.lower, p.upper)
         lag = self.nominal - self.point
         chase = np.sign(lag) * np.minimum(np.abs(lag) / DT, self.brake(np.abs(lag)))

@@ -157,7 +157,9 @@ def test_velocity_mode_stops_before_the_end_of_the_axis() -> None:
 
 
 def test_a_wheel_gets_its_limited_velocity_as_output() -> None:
-    wheel = Joint(parameters(outputs_velocity=True, velocity_limit=8.0, torque_limit=np.inf, lower=-np.inf, upper=np.inf))
+    wheel = Joint(
+        parameters(outputs_velocity=True, velocity_limit=8.0, torque_limit=np.inf, lower=-np.inf, upper=np.inf)
+    )
     outputs = []
     for _ in range(60):
         wheel.accept(AxisMode.VELOCITY, 12.0)
