@@ -94,11 +94,14 @@ def run(
 @click.option("--web", is_flag=True, help="In a browser instead of a window; served on 127.0.0.1 only.")
 def view(run_dir: Path, web: bool) -> None:
     """Open the recording of RUN (its directory, or the .rrd file) in the Rerun viewer."""
-    from logs.viewer import has_display, open_viewer
+    from logs.optimise import optimise
+    from logs.viewer import has_display, is_torn, open_viewer
 
     path = run_dir / "run.rrd" if run_dir.is_dir() else run_dir
     if not path.is_file():
         raise ConfigError(f"{path}: no recording there (a run with --no-rerun has none)")
+    if is_torn(path):  # a run that was killed: the viewer shows nothing of it until it is mended
+        optimise(path)
     if not web and not has_display():
         raise ConfigError(f"{path}: no display here to open a window on; try --web")
     raise SystemExit(open_viewer(path, web=web))

@@ -119,7 +119,23 @@ def planner_role(
         planner_parameters(robot, scenario),
         lambda level, text: on_event(Level[level.upper()], "planner", text),
         stopwatch,
+        sdo_gap_ns(scenario),
     )
+
+
+def sdo_gap_ns(scenario: Scenario) -> int:
+    """Time between SDO requests that takes two thirds of what the cyclic frames leave of the bus.
+
+    Heartbeats have the lowest priority: on a bus that is full for longer than their time-out they are lost.
+    """
+    bit_ns = 1e9 / scenario.bus.bitrate
+    cyclic = CYCLIC_FRAMES * scenario.planner.arm_cycle_hz * FRAME_BITS * bit_ns * 1e-9
+    return round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.02))
+
+
+CYCLIC_FRAMES = 29
+"""Frames of one arm cycle, SYNC and what comes at lower rates included."""
+FRAME_BITS = 125
 
 
 def strategic_role(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus, on_event: OnEvent) -> StrategicNode:

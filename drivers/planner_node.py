@@ -56,6 +56,7 @@ class PlannerNode(NodeApplication):
         parameters: PlannerParameters,
         on_event: OnEvent,
         stopwatch: Callable[[], int] | None = None,
+        sdo_gap_ns: int = 0,
     ) -> None:
         self.node = CanopenNode(device, clock, bus, self)
         self.cycle_ns: list[int] = []
@@ -77,7 +78,7 @@ class PlannerNode(NodeApplication):
         self._answered = 0
         self._deadline: Timer | None = None
         self._commanded = self._followed = 0.0
-        settings = DriveSettings(sync_period_ns=self._period_ns)
+        settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns)
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, on_event=self._on_drive_event)
         self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
         for can_id in sorted(self.master.can_ids):

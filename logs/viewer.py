@@ -23,3 +23,13 @@ def has_display() -> bool:
 def open_viewer(recording: Path, *, web: bool = False) -> int:
     """Runs the viewer until it is closed; its exit code."""
     return subprocess.run(viewer_command(recording, web=web), check=False).returncode
+
+
+def is_torn(recording: Path) -> bool:
+    """Whether the file lacks the footer that a closed recording ends with."""
+    with recording.open("rb") as file:
+        file.seek(max(0, recording.stat().st_size - 64))
+        return _FOOTER not in file.read()
+
+
+_FOOTER = b"RRF2FOOT"

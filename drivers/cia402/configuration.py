@@ -40,6 +40,8 @@ class DriveSettings:
     parameters: Mapping[int, Mapping[tuple[int, int], Value]] = field(default_factory=dict)
     answer_timeout_ns: int = 1_000_000_000
     """For a change of the NMT state, and for the first feedback after the start."""
+    sdo_gap_ns: int = 0
+    """Least time between two SDO requests of this master; ten drives set up at once fill a bus without it."""
 
     def of(self, device: DeviceDef) -> dict[tuple[int, int], Value]:
         """Wanted value of each setting of a drive. Raises KeyError for a parameter that the device does not have."""

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 from drivers.canopen.nmt import ERROR_CONTROL_BASE
+from drivers.canopen.pacer import Pacer
 from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
 from drivers.canopen.sequence import Run, Sequence, SequenceFailure, Sequencer
 from drivers.cia402 import power
@@ -65,6 +66,7 @@ class DriveMaster:
         self.times = times or MasterTimes()
         self.events: deque[DriveEvent] = deque(maxlen=EVENT_LOG_LENGTH)
         self._send = send
+        self._pacer = Pacer(send, clock, self.settings.sdo_gap_ns)
         self._clock = clock
         self._on_event = on_event
         self._sequencer = Sequencer(clock)
@@ -190,7 +192,7 @@ class DriveMaster:
         return self._cyclic.refused
 
     def _client(self, axis: AxisClient) -> SdoClient:
-        return SdoClient(axis.node_id, self._send, self._clock, self.times.sdo_ns, self.times.sdo_attempts)
+        return SdoClient(axis.node_id, self._pacer.send, self._clock, self.times.sdo_ns, self.times.sdo_attempts)
 
     def _listen(self, lead: _Lead) -> None:
         axis, node = lead.axis, lead.axis.node_id

@@ -11,6 +11,7 @@ import pytest
 
 from canipulator.run import Outcome
 from config.load import load_scenario
+from drivers.catalogue import DRIVE_IDS
 from drivers.frame import bit_length
 from logs.bus_log import read_bus_log
 from tests.scenarios.conftest import Runner
@@ -70,16 +71,26 @@ def test_the_dbc_explains_every_frame(standard_door: Outcome) -> None:
 
 
 def test_the_bus_load_is_what_the_frame_lengths_say(standard_door: Outcome) -> None:
-    bits = [
-        bit_length(frame.can_id, frame.data)
+    second = [
+        frame
         for frame in read_bus_log(standard_door.directory / "bus.log")
         if 10.0 <= frame.t_ns * 1e-9 < 11.0
     ]
-    load = sum(bits) / 1e6
-    drives = 10 * 2 * 100 * 120 / 1e6
-    assert 0.26 <= drives + 100 * 52 / 1e6 <= 0.29, "SYNC and twenty frames at 100 Hz are about 28 %"
+    load = sum(bit_length(frame.can_id, frame.data) for frame in second) / 1e6
+    cyclic = {0x080} | {base + node_id for base in (0x180, 0x200) for node_id in DRIVE_IDS}
+    drives = [frame for frame in second if frame.can_id in cyclic]
+    share = sum(bit_length(frame.can_id, frame.data) for frame in drives) / 1e6
+    assert len(drives) == 2100, "one SYNC, ten set points and ten answers, a hundred times a second"
+    # 51 + 20 * 111 bits without a single stuff bit, 55 + 20 * 135 with as many as there can be
+    assert 0.227 < share < 0.276
     assert load == pytest.approx(standard_door.metrics["bus_load_mean"], abs=0.02)
-    assert 0.30 < load < 0.45
+    assert share + 0.05 < load < 0.45
+
+
+def test_heartbeats_survive_the_start_up_at_250_hz(runner: Runner) -> None:
+    outcome = runner("sliding-door", "planner.arm_cycle_hz=250", duration_s=5.0)
+    assert outcome.metrics["faults"] == ()
+    assert outcome.metrics["tcp_travel_m"] > 0.1
 
 
 def test_a_bus_that_is_too_slow_is_reported_not_hidden(runner: Runner) -> None:

@@ -37,7 +37,7 @@ def canipulator(*arguments: str) -> subprocess.CompletedProcess[str]:
             ["run", "sliding-door", "--set", "start.configuration=[0.0,0.1,0.0,0.0,0.0,0.0,0.0,0.0]"],
             ["tower_lift", "0.35 to 1.15"],
         ),
-        (["run", "sliding-door", "--set", "expect.0.metric=tcp_eror", "--duration", "1e9"], ["tcp_eror"]),
+        (["run", "sliding-door", "--set", "expect.1.metric=tcp_error_rms"], ["did you mean 'tcp_error_rms_m'?"]),
         (["run", "sliding-door", "--bus", "socketcn:vcan0"], ["--bus"]),
         (["view", "/nowhere"], ["/nowhere", "no recording"]),
         (["bus", "export", "pdf"], ["pdf"]),

@@ -115,6 +115,17 @@ def extended_step(
     """
     return Step(
         *_extended_step(
-            arm_jacobian, columns, xdot, q, z, weight, table, rows, values, epsilon, epsilon_restriction, recovery_rate
-        )
+            np.ascontiguousarray(arm_jacobian),
+            np.ascontiguousarray(columns),
+            xdot,
+            q,
+            z,
+            weight,
+            table,
+            rows,
+            values,
+            epsilon,
+            epsilon_restriction,
+            recovery_rate,
+        )  # fmt: skip
     )

@@ -216,7 +216,8 @@ def arm_step(
     epsilon_restriction: float = 1e-4,
     recovery_rate: float = 2.0,
 ) -> Step:
-    """Joint velocities of one arm cycle. No checks: float64, C-contiguous arrays of the right shape, never written to.
+    """Joint velocities of one arm cycle. No checks: float64 arrays of the right shape, C-contiguous (the Jacobian may be anything) and
+    writable (numba compiles once more for read-only ones), but never written to.
 
     jacobian (m, n), xdot (m,), q (n,); wishes (3, n): preferred configuration, heights, widths of `preferred_velocity`, scaled by `window`;
     weight (n, n): B; table (7, n): `limit_table`; rows (k, n), values (k,): hard equality rows, k may be 0.
@@ -226,6 +227,17 @@ def arm_step(
     """
     return Step(
         *_arm_step(
-            jacobian, xdot, q, wishes, window, weight, table, rows, values, epsilon, epsilon_restriction, recovery_rate
-        )
+            np.ascontiguousarray(jacobian),
+            xdot,
+            q,
+            wishes,
+            window,
+            weight,
+            table,
+            rows,
+            values,
+            epsilon,
+            epsilon_restriction,
+            recovery_rate,
+        )  # fmt: skip
     )
