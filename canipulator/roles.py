@@ -124,13 +124,13 @@ def planner_role(
 
 
 def sdo_gap_ns(scenario: Scenario) -> int:
-    """Time between SDO requests that takes two thirds of what the cyclic frames leave of the bus.
+    """Time between SDO requests that takes two thirds of what the cyclic frames leave of the bus, a tenth of it at least.
 
     Heartbeats have the lowest priority: on a bus that is full for longer than their time-out they are lost.
     """
     bit_ns = 1e9 / scenario.bus.bitrate
     cyclic = CYCLIC_FRAMES * scenario.planner.arm_cycle_hz * FRAME_BITS * bit_ns * 1e-9
-    return round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.02))
+    return round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.1))
 
 
 CYCLIC_FRAMES = 29

@@ -91,6 +91,11 @@ class PlannerNode(NodeApplication):
         for node_id in others:
             self.node.subscribe(ERROR_CONTROL_BASE + node_id, self._on_other_heartbeat)
 
+    @property
+    def parameters(self) -> PlannerParameters:
+        """Those in force, as written by SDO."""
+        return self._objects.parameters
+
     def power_on(self) -> None:
         """Boots, begins to send SYNC and to look for its drives."""
         self.node.power_on()

@@ -14,6 +14,7 @@ from drivers.canopen.nmt import NmtState
 from drivers.canopen.node import CanopenNode, CommunicationLoss, NodeApplication
 from drivers.cia402.axis_watch import Alarm
 from drivers.cia402.bank import DriveBank
+from drivers.cia402.faults import CODE_OF_ALARM, CODE_OF_LOSS, Faults
 from drivers.cia402.homing import Homing
 from drivers.cia402.parameters import AbortConnection, DriveParameters, QuickStop
 from drivers.cia402.process_data import LIMITED, ProcessData
@@ -43,18 +44,6 @@ _LOOP = {
     Mode.CYCLIC_TORQUE: AxisMode.TORQUE,
 }
 _POWERED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-_LOSS_CODE = {
-    CommunicationLoss.HEARTBEAT: EmcyCode.HEARTBEAT,
-    CommunicationLoss.RPDO: EmcyCode.RPDO_TIMEOUT,
-    CommunicationLoss.SYNC: EmcyCode.SYNC_LOST,
-    CommunicationLoss.NMT: EmcyCode.COMMUNICATION,
-    CommunicationLoss.DUPLICATE: EmcyCode.CAN_ID_COLLISION,
-}
-_ALARM_CODE = {
-    Alarm.FOLLOWING_ERROR: EmcyCode.FOLLOWING_ERROR,
-    Alarm.OVERSPEED: EmcyCode.VELOCITY,
-    Alarm.POSITION_LIMIT: EmcyCode.REFERENCE_LIMIT,
-}
 
 
 class Drive(NodeApplication):
@@ -74,20 +63,19 @@ class Drive(NodeApplication):
         self.parameters = DriveParameters(dictionary, supported, self._on_limits)
         self.process_data = ProcessData(dictionary, self.axis, self.parameters)
         self.homing = Homing(dictionary, self.axis)
+        self.faults = Faults(self.node)
         self._controlword = 0
         self._missing = 0
         self._flags = 0
         self._after_stop: State | None = None
         self._holding = False
         self._enable_locked = False
-        self._following_error = False
-        self._fault_code: EmcyCode | None = None
         self._previous_nmt_state = NmtState.INITIALISING
         dictionary.bind(0x6040, sink=self._on_controlword)
         dictionary.bind(0x6060, sink=self._on_mode)
         dictionary.bind(0x6061, source=lambda: int(self.mode))
         dictionary.bind(0x6041, source=self.statusword)
-        dictionary.bind(0x603F, source=self._error_code)
+        dictionary.bind(0x603F, source=self.faults.error_code)
         dictionary.bind(0x6502, source=lambda: supported)
 
     def power_on(self) -> None:
@@ -104,8 +92,8 @@ class Drive(NodeApplication):
 
     def on_reset(self, whole: bool) -> None:
         self._controlword = 0
-        self._fault_code = None
-        self._following_error = False
+        self._enable_locked = False
+        self.faults.forget()
         self.parameters.refresh()
         self._on_limits()
         self._on_mode(self.node.dictionary.get(0x6060))
@@ -124,7 +112,7 @@ class Drive(NodeApplication):
         """Reaction of 6007h, if the drive is enabled."""
         if self.state is not State.OPERATION_ENABLED:
             return
-        code = _LOSS_CODE[loss]
+        code = CODE_OF_LOSS[loss]
         if loss is not CommunicationLoss.NMT:
             self.node.emcy.report(code)
         option = self.parameters.abort_connection
@@ -143,11 +131,8 @@ class Drive(NodeApplication):
     def on_sync(self, counter: int | None) -> None:
         fresh = self.process_data.take_fresh()
         self._flags = self.axis.take_flags()
-        emcy = self.node.emcy
-        if emcy.errors and self.state is not State.FAULT:
-            emcy.resolve(EmcyCode.SYNC_LOST)
-            if fresh:
-                emcy.resolve(EmcyCode.RPDO_TIMEOUT)
+        if self.node.emcy.errors:
+            self.faults.recovered(fresh)
         if self.state is not State.OPERATION_ENABLED or self._loop is None:
             return
         now_ns, period_ns = self.clock.now_ns(), self.parameters.period_ns
@@ -274,27 +259,21 @@ class Drive(NodeApplication):
     # ---- faults
 
     def _on_alarm(self, alarm: Alarm) -> None:
-        if alarm & Alarm.SENSOR:
-            self._fault(EmcyCode.SENSOR, at_once=True)
-        for bit, code in _ALARM_CODE.items():
+        for bit, code in CODE_OF_ALARM.items():
             if alarm & bit:
-                self._following_error |= bit is Alarm.FOLLOWING_ERROR
                 self._fault(code)
         if alarm & Alarm.SYNC_LOST:
             self.on_communication_loss(CommunicationLoss.SYNC)
         if alarm & Alarm.STOPPED and self._after_stop is not None:
             self._switch_off(self._after_stop)
 
-    def _fault(self, code: EmcyCode, at_once: bool = False) -> None:
-        """Transition 13 with the reaction of 605Eh, then 14; a second fault during the reaction cuts the torque."""
-        if self.state is State.FAULT:
-            return
-        reacting = self.state is State.FAULT_REACTION_ACTIVE
-        if reacting and not at_once:
+    def _fault(self, code: EmcyCode) -> None:
+        """Transition 13 with the reaction of 605Eh, then 14. Without an encoder there is no ramp: torque off."""
+        at_once = code is EmcyCode.SENSOR
+        if self.state is State.FAULT or (self.state is State.FAULT_REACTION_ACTIVE and not at_once):
             return
         powered = self.state in _POWERED or self._after_stop is not None
-        self._fault_code = self._fault_code if reacting else code
-        self.node.emcy.report(code)
+        self.faults.note(code)
         option = self.parameters.option(0x605E)
         if powered and option != 0 and not at_once:
             if code is EmcyCode.FOLLOWING_ERROR:
@@ -306,13 +285,8 @@ class Drive(NodeApplication):
 
     def _reset_fault(self) -> None:
         """Transition 15, unless what caused the fault is still there."""
-        if self._fault_code is EmcyCode.HEARTBEAT and self.node.heartbeat_consumer.lost:
-            return
-        own = (*_ALARM_CODE.values(), EmcyCode.SENSOR, EmcyCode.SYNC_LOST, EmcyCode.RPDO_TIMEOUT)
-        self.node.emcy.resolve(*own)
-        self._fault_code = None
-        self._following_error = False
-        self._move(on_event(self.state, Event.FAULT_RESET))
+        if self.faults.clear():
+            self._move(on_event(self.state, Event.FAULT_RESET))
 
     # ---- objects
 
@@ -322,7 +296,7 @@ class Drive(NodeApplication):
 
     def _status_bits(self) -> int:
         bits = Status.INTERNAL_LIMIT if self._flags & LIMITED else 0
-        if self._following_error:
+        if self.faults.following_error:
             bits |= Status.FOLLOWING_ERROR
         if self.state is not State.OPERATION_ENABLED:
             standing = self.state is State.QUICK_STOP_ACTIVE and self.process_data.standing
@@ -339,16 +313,14 @@ class Drive(NodeApplication):
                 bits |= Status.TARGET_REACHED
         return bits
 
-    def _error_code(self) -> int:
-        if self._fault_code is not None:
-            return self._fault_code
-        return next(reversed(self.node.emcy.errors), 0)
-
     def _on_limits(self) -> None:
         self.axis.limit(self.parameters.limits)
 
     def _on_mode(self, value: Value) -> None:
-        self.mode = Mode(int(value))
+        mode = Mode(int(value))
+        if mode is self.mode:  # a master may have 6060h in its RPDO
+            return
+        self.mode = mode
         self._loop = _LOOP.get(self.mode)
         self.homing.reset()
         self.process_data.set_mode(self.mode)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.canopen.dictionary import ObjectDictionary
-from drivers.cia402.bank import BankAxis
+from drivers.cia402.bank_axis import BankAxis
 from drivers.cia402.states import Control, Status
 
 STANDING = 0.01

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from drivers.canopen.abort import AbortCode, SdoAbort
 from drivers.canopen.dictionary import ObjectDictionary
-from drivers.cia402.bank import AxisLimits
+from drivers.cia402.bank_axis import AxisLimits
 from drivers.objects import Value
 
 I32_MIN, I32_MAX, U32_MAX = -(1 << 31), (1 << 31) - 1, (1 << 32) - 1

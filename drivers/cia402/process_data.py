@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.canopen.dictionary import ObjectDictionary
-from drivers.cia402.bank import BankAxis
+from drivers.cia402.bank_axis import BankAxis
 from drivers.cia402.parameters import DriveParameters
 from drivers.cia402.states import Mode
 from drivers.objects import Value

@@ -53,13 +53,14 @@ def array(
     unit: str = "",
     scale: float = 1.0,
     mappable: bool = False,
+    low: float | None = None,
     count_access: Access = Access.CONST,
 ) -> list[ObjectDef]:
     """Sub 0 = number of entries, then one object of the same type per entry; no `defaults`: all 0."""
     values = defaults or [0.0 if data_type is DataType.REAL32 else 0] * len(entries)
     count = ObjectDef(index, 0, f"{name}: number of entries", U8, count_access, len(entries))
     return [count] + [
-        ObjectDef(index, sub, entry, data_type, access, value, mappable=mappable, unit=unit, scale=scale)
+        ObjectDef(index, sub, entry, data_type, access, value, mappable=mappable, low=low, unit=unit, scale=scale)
         for sub, (entry, value) in enumerate(zip(entries, values, strict=True), start=1)
     ]
 

@@ -44,6 +44,8 @@ CONFIGURATION, TCP_POSITION, TCP_ROTATION_VECTOR = range(0x2020, 0x2023)
 SINGULAR_VALUES, MANIPULABILITY = range(0x2030, 0x2032)
 PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD = range(1, 5)
 """Sub-indices of 2014h."""
+LEAST_WIDTH, LEAST_WEIGHT = 1e-3, 1e-4
+"""A width divides, and a weight of zero leaves the criterion without a minimum."""
 
 FRAMES = (
     FastFrame(
@@ -87,9 +89,9 @@ def _parameters() -> list[ObjectDef]:
         ObjectDef(PATH_SCALE, 0, "Path scale", U16, Access.RO, PATH_SCALE_ONE, mappable=True, scale=1 / PATH_SCALE_ONE),
         # joint 2 is the lift: metres where the others have radians
         *array(PREFERRED_CONFIGURATION, "Preferred configuration", PREFERENCE_NAMES, REAL32),
-        *array(HEIGHTS, "Heights of the preferences", PREFERENCE_NAMES, REAL32),
-        *array(WIDTHS, "Widths of the preferences", PREFERENCE_NAMES, REAL32, defaults=[1.0] * 10),
-        *array(WEIGHTS, "Weights of the motions", WEIGHT_NAMES, REAL32, defaults=[1.0] * 10),
+        *array(HEIGHTS, "Heights of the preferences", PREFERENCE_NAMES, REAL32, low=0.0),
+        *array(WIDTHS, "Widths of the preferences", PREFERENCE_NAMES, REAL32, defaults=[1.0] * 10, low=LEAST_WIDTH),
+        *array(WEIGHTS, "Weights of the motions", WEIGHT_NAMES, REAL32, defaults=[1.0] * 10, low=LEAST_WEIGHT),
         *array(PLATFORM, "Platform", ("angle", "gain", "max rate", "feed forward"), REAL32),
         *array(CONFIGURATION, "Configuration", JOINT_NAMES, REAL32, access=Access.RO),
         *array(TCP_POSITION, "TCP position", ("x", "y", "z"), REAL32, access=Access.RO, unit="m"),

@@ -99,6 +99,7 @@ def test_pdos_are_dead_outside_operational(bench: Bench, command: str) -> None:
     bench.tell(0x000, command)
     bench.tell(RPDO1, "02000A")
     bench.tell(RPDO2, "00002040")
+    bench.node.tpdo[2].trigger()
     assert bench.tell(0x080, "") == []
     bench.tell(0x000, "0105")
     assert bench.tell(0x080, "") == ["185#000007000000"]

@@ -127,5 +127,5 @@ def extended_step(
             epsilon,
             epsilon_restriction,
             recovery_rate,
-        )  # fmt: skip
+        )
     )

@@ -128,13 +128,27 @@ def step_in_null_space(
         if _inside(dq, table):
             break
         path, _, _ = restrict_active(
-            white, weight, split(white, weight, scale * dq_particular, zero),
-            rows, no_values, limited, softness, zero, epsilon_restriction,
-        )  # fmt: skip
+            white,
+            weight,
+            split(white, weight, scale * dq_particular, zero),
+            rows,
+            no_values,
+            limited,
+            softness,
+            zero,
+            epsilon_restriction,
+        )
         null, _, _ = restrict_active(
-            white, weight, split(white, weight, zero, null_scale * z),
-            rows, no_values, limited, softness, zero, epsilon_restriction,
-        )  # fmt: skip
+            white,
+            weight,
+            split(white, weight, zero, null_scale * z),
+            rows,
+            no_values,
+            limited,
+            softness,
+            zero,
+            epsilon_restriction,
+        )
         fixed = dq - path - null
         more, null_more, bound, shortfall = path_and_null_scale(fixed, path, null, table[5], table[6])
         if shortfall > 0.0:
@@ -239,5 +253,5 @@ def arm_step(
             epsilon,
             epsilon_restriction,
             recovery_rate,
-        )  # fmt: skip
+        )
     )

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.cia402.axis_watch import Alarm
-from drivers.cia402.bank import BankAxis, DriveBank
+from drivers.cia402.bank import DriveBank
+from drivers.cia402.bank_axis import BankAxis
 from stack.servo.state import AxisMode
 from tests.unit.cia402.rig import LinearPlant, servo_parameters
 

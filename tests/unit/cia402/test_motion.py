@@ -288,3 +288,21 @@ def test_readings_that_are_no_number_never_reach_the_plant() -> None:
     master.command(0x00)
     master.command(0x80)
     assert rig.drive.state is State.SWITCH_ON_DISABLED
+
+
+def test_mode_in_every_rpdo_does_not_hold_the_axis_back() -> None:
+    rig = Rig(JOINT, defaults={(0x1600, 3): 0x6060_0008})
+    master = Master(rig)
+    master.sends_rpdo = False
+    master.nmt(1)
+    target = 500_000
+    for cycle in range(80):
+        word = {0: 0x06, 1: 0x07}.get(cycle, 0x0F)
+        target += 4_000 if cycle > 10 else 0
+        master.port.send(0x200 + JOINT, struct.pack("<Hib", word, target, 8))
+        rig.run(10 * MS)
+    assert rig.plant.position[0] == pytest.approx(target * 1e-6, abs=0.01)
+    master.port.send(0x200 + JOINT, struct.pack("<Hib", 0x0F, target, 3))  # a mode that it has not
+    rig.run(12 * MS)
+    assert rig.sent(0x080 + JOINT) == [bytes.fromhex("0082113000090601")]
+    assert rig.drive.state is State.OPERATION_ENABLED

@@ -1,0 +1,65 @@
+"""Kinematic scenarios (`kind = "kinematic"`): a robot description and an experiment with it, without physics and bus."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from config.scenario import ExpectTable, Finite, NotNegative, Positive, Table, Vector3
+
+
+class LegTable(Table):
+    """One leg of a path, from rest to rest: the TCP moves by `translation_m` (base axes) and turns by `rotation_rad`
+    (rotation vector, base axes) in `duration_s`."""
+
+    duration_s: Positive
+    translation_m: Vector3 = (0.0, 0.0, 0.0)
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+
+
+class OptimisationTable(Table):
+    """Weights and switches of the constraint optimisation. `enabled = false`: the closed form alone, limited by nothing."""
+
+    enabled: bool = True
+    alpha: Positive = 1.0
+    beta: NotNegative = 3.0
+    gamma: Positive = 1.0
+    iterations: Annotated[int, Field(ge=1, le=10)] = 2
+    error_bound_rad: Positive | None = None
+
+
+class WristSingularityTable(Table):
+    """A path close by or through the wrist singularity, under the constraint optimisation and in closed form beside it.
+
+    `start` (n,): joint angles in rad; `settle_s`: standstill of the command at the end.
+    """
+
+    type: Literal["wrist-singularity"]
+    start: tuple[Finite, ...]
+    leg: tuple[LegTable, ...]
+    settle_s: NotNegative = 0.0
+    optimisation: OptimisationTable = OptimisationTable()
+
+    @model_validator(mode="after")
+    def _moves(self) -> WristSingularityTable:
+        if not self.leg:
+            raise ValueError("needs at least one [[experiment.leg]]")
+        return self
+
+
+Experiments = WristSingularityTable
+"""Every table that [experiment] may be; add with `|`, told apart by `type` (then with Field(discriminator="type"))."""
+
+
+class KinematicScenario(Table):
+    """A whole scenario file of this kind."""
+
+    kind: Literal["kinematic"]
+    name: str
+    title: str
+    robot: str
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    cycle_s: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+    experiment: Experiments
+    expect: tuple[ExpectTable, ...] = ()
