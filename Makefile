@@ -40,4 +40,4 @@ lock: $(STAMP)  ## refreshes requirements.lock from pyproject.toml
 	@$(BIN)/pip-compile --quiet --upgrade --generate-hashes --allow-unsafe --strip-extras --extra dev --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml
 
 clean:  ## removes runs and caches, keeps .venv
-	@rm -rf runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rm -rf runs .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis

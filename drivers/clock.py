@@ -26,6 +26,13 @@ class Clock(Protocol):
         """Calls `callback` at `t_ns`. Same time: lower `priority` first, then in the order of the requests."""
 
 
+class VirtualClock(Clock, Protocol):
+    """A clock that need not wait."""
+
+    def skip_to(self, t_ns: int) -> bool:
+        """Moves time on to `t_ns` now if no event is due before or then. False: time stays, use `call_at`."""
+
+
 class _LockstepTimer:
     __slots__ = ("callback",)
 
@@ -42,13 +49,13 @@ class LockstepClock:
     The order of events depends only on (time, priority, order of request): same calls, same run.
     """
 
-    __slots__ = ("_heap", "_now_ns", "_sequence", "_stopped")
+    __slots__ = ("_end_ns", "_heap", "_now_ns", "_sequence")
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns
         self._heap: list[tuple[int, int, int, _LockstepTimer]] = []
         self._sequence = 0
-        self._stopped = False
+        self._end_ns = -1  # of the `run_until` in progress; -1: none, or it shall stop
 
     def now_ns(self) -> int:
         return self._now_ns
@@ -68,19 +75,30 @@ class LockstepClock:
 
         Exceptions of callbacks pass through; time then stays at the event that raised.
         """
-        self._stopped = False
+        self._end_ns = t_ns
         heap = self._heap
-        while heap and heap[0][0] <= t_ns:
-            due_ns, _, _, timer = heappop(heap)
-            callback = timer.callback
-            if callback is None:
-                continue
-            self._now_ns = due_ns
-            callback()
-            if self._stopped:
-                return
-        self._now_ns = max(self._now_ns, t_ns)
+        try:
+            while heap and heap[0][0] <= t_ns:
+                due_ns, _, _, timer = heappop(heap)
+                callback = timer.callback
+                if callback is None:
+                    continue
+                self._now_ns = due_ns
+                callback()
+                if self._end_ns < t_ns:
+                    return
+            self._now_ns = max(self._now_ns, t_ns)
+        finally:
+            self._end_ns = -1
+
+    def skip_to(self, t_ns: int) -> bool:
+        """See `VirtualClock.skip_to`. Time never gets beyond the end of the `run_until` in progress."""
+        heap = self._heap
+        if t_ns > self._end_ns or (heap and heap[0][0] <= t_ns):
+            return False
+        self._now_ns = t_ns
+        return True
 
     def stop(self) -> None:
         """Makes the `run_until` in progress return after the present event; what is scheduled stays scheduled."""
-        self._stopped = True
+        self._end_ns = -1

@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from heapq import heapify, heappop, heappush
-from typing import NamedTuple
 
 from drivers.bus.base import BusStatistics, Latency, OnFrame
 from drivers.bus.interception import Intercept
 from drivers.bus.load import LoadMeter
-from drivers.clock import LAST, Clock
+from drivers.clock import LAST, VirtualClock
 from drivers.frame import INTERFRAME_BITS, MAX_CAN_ID, MAX_DATA_BYTES, Frame, bit_length, check_frame
 
 NS_PER_S = 1_000_000_000
@@ -23,14 +22,8 @@ ERROR_FRAME_BITS = 6 + 6 + 8
 """Error flag, its echo by the other nodes, error delimiter (CAN 2.0 A, chapter 3.1.3)."""
 
 
-class _Request(NamedTuple):
-    """A frame that waits for the bus. Order: identifier, then age."""
-
-    can_id: int
-    sequence: int
-    port: LockstepPort
-    data: bytes
-    requested_ns: int
+_Request = tuple[int, int, "LockstepPort", bytes, int]
+"""A frame that waits for the bus: identifier, sequence number, port, data, time of the request. It is as urgent as it is small."""
 
 
 class _Id:
@@ -76,7 +69,7 @@ class LockstepBus:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: VirtualClock,
         bitrate: int = 1_000_000,
         *,
         queue_limit: int = 64,
@@ -125,7 +118,7 @@ class LockstepBus:
         """
         port = self._ports[name]
         port.online = False
-        kept = [request for request in self._pending if request.port is not port]
+        kept = [request for request in self._pending if request[2] is not port]
         lost = len(self._pending) - len(kept)
         port.dropped += lost
         port.queued -= lost
@@ -172,7 +165,7 @@ class LockstepBus:
         now_ns = self._clock.now_ns()
         sequence = self._sequence
         self._sequence = sequence + 1
-        heappush(self._pending, _Request(can_id, sequence, port, bytes(data), now_ns))
+        heappush(self._pending, (can_id, sequence, port, bytes(data), now_ns))
         if self._on_wire is None and not self._arbitration_due:
             self._schedule_arbitration(now_ns)
         return True
@@ -184,24 +177,41 @@ class LockstepBus:
         self._clock.call_at(free_ns if free_ns > now_ns else now_ns, self._arbitrate, LAST)
 
     def _arbitrate(self) -> None:
+        """Frame after frame for as long as nothing else happens meanwhile; otherwise the clock calls when it is time to go on.
+
+        `_arbitration_due` holds all the while: whatever is sent takes part in the next round.
+        """
+        clock, bit_ns = self._clock, self._bit_ns
+        while self._pending:  # a port that goes off the bus takes its requests with it
+            request = heappop(self._pending)
+            bits = bit_length(request[0], request[3])
+            start_ns = clock.now_ns()
+            self._free_ns = free_ns = start_ns + bits * bit_ns
+            self._bits += bits
+            self._load.add(start_ns, free_ns)
+            end_ns = free_ns - INTERFRAME_BITS * bit_ns
+            if not clock.skip_to(end_ns):
+                self._on_wire = request
+                clock.call_at(end_ns, self._end_frame)
+                break
+            self._receive(request, end_ns)
+            if self._pending and not clock.skip_to(self._free_ns):
+                clock.call_at(self._free_ns, self._arbitrate, LAST)
+                return
         self._arbitration_due = False
-        if not self._pending:  # its port went off the bus meanwhile
-            return
-        request = heappop(self._pending)
-        self._on_wire = request
-        bits = bit_length(request.can_id, request.data)
-        start_ns = self._clock.now_ns()
-        self._free_ns = free_ns = start_ns + bits * self._bit_ns
-        self._bits += bits
-        self._load.add(start_ns, free_ns)
-        self._clock.call_at(free_ns - INTERFRAME_BITS * self._bit_ns, self._end_frame)
 
     def _end_frame(self) -> None:
         request = self._on_wire
         assert request is not None
         self._on_wire = None
-        can_id, _, port, data, requested_ns = request
         now_ns = self._clock.now_ns()
+        self._receive(request, now_ns)
+        if self._pending and not self._arbitration_due:
+            self._schedule_arbitration(now_ns)
+
+    def _receive(self, request: _Request, now_ns: int) -> None:
+        """The last bit of a frame that everybody looks at."""
+        can_id, _, port, data, requested_ns = request
         frame = Frame(can_id, data, now_ns)
         if not port.online:
             port.queued -= 1
@@ -211,8 +221,6 @@ class LockstepBus:
             self._deliver(port, frame, requested_ns)
         else:
             self._deliver_unless_faulty(request, frame)
-        if self._pending and not self._arbitration_due:
-            self._schedule_arbitration(now_ns)
 
     def _deliver(self, port: LockstepPort, frame: Frame, requested_ns: int) -> None:
         can_id = frame.can_id
@@ -241,7 +249,7 @@ class LockstepBus:
 
     def _deliver_unless_faulty(self, request: _Request, frame: Frame) -> None:
         assert self.intercept is not None
-        port = request.port
+        port, requested_ns = request[2], request[4]
         verdict = self.intercept(port.name, frame)
         if verdict is not None and verdict.wire_error:
             self._add_error_frame()
@@ -249,14 +257,14 @@ class LockstepBus:
         else:
             port.queued -= 1
             if verdict is None:
-                self._deliver(port, frame, request.requested_ns)
+                self._deliver(port, frame, requested_ns)
             elif verdict.drop:
                 port.dropped += 1
             else:
                 late = frame._replace(
                     data=frame.data if verdict.data is None else verdict.data, t_ns=frame.t_ns + verdict.delay_ns
                 )
-                arrive = partial(self._deliver, port, late, request.requested_ns)
+                arrive = partial(self._deliver, port, late, requested_ns)
                 if verdict.delay_ns:
                     self._clock.call_at(late.t_ns, arrive)
                 else:

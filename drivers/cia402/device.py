@@ -261,15 +261,14 @@ class Drive(NodeApplication):
     def _on_alarm(self, alarm: Alarm) -> None:
         for bit, code in CODE_OF_ALARM.items():
             if alarm & bit:
-                self._fault(code)
+                self._fault(code, at_once=bit is Alarm.SENSOR)  # no ramp without an encoder
         if alarm & Alarm.SYNC_LOST:
             self.on_communication_loss(CommunicationLoss.SYNC)
         if alarm & Alarm.STOPPED and self._after_stop is not None:
             self._switch_off(self._after_stop)
 
-    def _fault(self, code: EmcyCode) -> None:
-        """Transition 13 with the reaction of 605Eh, then 14. Without an encoder there is no ramp: torque off."""
-        at_once = code is EmcyCode.SENSOR
+    def _fault(self, code: EmcyCode, at_once: bool = False) -> None:
+        """Transition 13 with the reaction of 605Eh, then 14; `at_once`: no ramp, torque off."""
         if self.state is State.FAULT or (self.state is State.FAULT_REACTION_ACTIVE and not at_once):
             return
         powered = self.state in _POWERED or self._after_stop is not None

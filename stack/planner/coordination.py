@@ -6,7 +6,7 @@ Thesis chapter 4. Everything here is expressed in the end-point frame of the arm
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from stack.planner.preferences import preferred_velocity
 from stack.planner.problem import Matrix, Problem, Status
 from stack.planner.resolvers import RESOLVERS
 from stack.planner.resolvers.extended import extended_step
+from stack.planner.resolvers.rule_base import resolve_within_limits
 from stack.planner.resolvers.step import arm_step, limit_table
 
 RECOVERY_RATE = 2.0
@@ -90,7 +91,13 @@ class Coordinator:
         if parameters.method is not Method.PNS:
             z = self._wishes(model.q, window, parameters)
             weights = preferences.weights[: self.n]
-            return self._by_name(parameters, jacobian, twist, weights, z, lower, upper)
+            # A program with inequalities takes all bounds as they are; closed forms slow down on the path for speed alone, see below.
+            exact = parameters.method is Method.QP
+            top = limits.dq_max
+            bounds = (lower, upper) if exact else (-top, top)
+            table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
+            named = self._by_name(parameters, jacobian, twist, weights, z, bounds, model.q, table)
+            return named if exact else _clipped(named, lower, upper)
         table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
         wishes = np.array([preferences.preferred, preferences.heights, preferences.widths])
         step = arm_step(
@@ -100,12 +107,8 @@ class Coordinator:
         restrictions = _of_joints(step.limited) | _of_status(step.status)
         if step.scale < 1.0:
             restrictions |= Restriction.VELOCITY
-        # Accelerations are limited joint by joint and last: the path loop works off what that costs, while slowing the path for it
-        # would also slow what compensates the platform.
-        clipped = np.minimum(np.maximum(step.dq, lower), upper)
-        if np.abs(clipped - step.dq).max() > 1e-6:
-            restrictions |= Restriction.ACCELERATION
-        return ArmCommand(clipped, step.scale, Status(step.status), restrictions, step.sigma)
+        command = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
+        return _clipped(command, lower, upper)
 
     def robot_cycle(
         self,
@@ -131,8 +134,9 @@ class Coordinator:
             whole = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         else:
             extended = np.hstack((model.end_point_jacobian, columns))
-            bounds = self.robot_table[6]
-            whole = self._by_name(parameters, extended, twist, parameters.preferences.weights, z, -bounds, bounds)
+            table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
+            bounds = (table[5], table[6])
+            whole = self._by_name(parameters, extended, twist, parameters.preferences.weights, z, bounds, q, table)
         wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
         unified = parameters.coordination is Coordination.UNIFIED
         period = parameters.arm_period_s if unified else parameters.platform_period_s
@@ -168,18 +172,30 @@ class Coordinator:
         twist: Vector,
         weights: Vector,
         z: Vector,
-        lower: Vector,
-        upper: Vector,
+        bounds: tuple[Vector, Vector],
+        q: Vector,
+        table: Matrix,
     ) -> ArmCommand:
-        """Any other method: limits enter as velocity bounds."""
-        name = parameters.method.name.lower()
-        solution = RESOLVERS[name](
-            Problem(jacobian, twist, B=weights, z=z, lower=lower, upper=upper, epsilon=parameters.epsilon)
+        """Any other method: the rule base around it, velocity bounds inside it."""
+        solution, limited = resolve_within_limits(
+            RESOLVERS[parameters.method.name.lower()],
+            Problem(jacobian, twist, B=weights, z=z, lower=bounds[0], upper=bounds[1], epsilon=parameters.epsilon),
+            q,
+            table,
         )
-        restrictions = _of_status(solution.status)
+        restrictions = _of_joints(limited[: self.n]) | _of_status(solution.status)
         if solution.scale < 1.0:
             restrictions |= Restriction.VELOCITY
         return ArmCommand(solution.dq, solution.scale, solution.status, restrictions, solution.sigma)
+
+
+def _clipped(command: ArmCommand, lower: Vector, upper: Vector) -> ArmCommand:
+    """Accelerations are limited joint by joint and last: the path loop works off what that costs, while slowing the path for it
+    would also slow what compensates the platform."""
+    dq = np.minimum(np.maximum(command.dq, lower), upper)
+    if np.abs(dq - command.dq).max() <= 1e-6:
+        return command
+    return replace(command, dq=dq, restrictions=command.restrictions | Restriction.ACCELERATION)
 
 
 def accelerated(wanted: PlatformRate, current: PlatformRate, limits: Limits, period_s: float) -> PlatformCommand:

@@ -5,9 +5,10 @@ approximate part and r_ex that of the exact part at the linearisation point, Δx
 
     minimise   ‖α (J_ap Δq − e_ap)‖² + ‖β (J_ap Δq − Δx_ap (1 − ϑ))‖² + γ² ϑ² + δ² ‖Δq‖²          (24, 25, 34)
     subject to J_ex Δq + Δx_ex ϑ = r_ex,   lower ≤ Δq ≤ upper,   0 ≤ ϑ ≤ 1                         (26-28; θ also in (26))
-               |e_ap − J_ap Δq| ≤ bound                                                            (optional)
+               |e_ap − J_ap Δq| ≤ bound + s                                                        (optional, s = 0 while it can be)
 
-What cannot be met gives way in this order: the orientation bound, then time (ϑ), then translation; each is named.
+What cannot be met gives way in this order: the orientation bound (s), then time (ϑ), then translation; each is named. At most four
+quadratic programs, so a cycle takes a bounded time.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from stack.messages import Matrix, Vector
 
 _OPTIMAL = 1
 _LAST_RESORT = 1e4
+_EXCESS_COST = 10.0
+"""Of each rad beyond the error bound, linear, so that the bound is exceeded by no more than it must; small against `patience` times
+the turn of one cycle, so that time does not give way before it."""
 
 
 class GaveWay(IntFlag):
@@ -37,7 +41,7 @@ class GaveWay(IntFlag):
 class Weights:
     """alpha: of the approximate error; beta: of its rate (β/α = 3 damps without leaving an error, 0 overshoots, β ≥ 10 α leaves one);
     gamma: of time scaling, with the exact penalty `patience` on top: while the task can be met at a smaller cost, ϑ stays 0;
-    delta: of the step itself, which picks the smallest Δq where J is rank-deficient (keep it far below alpha)."""
+    delta: of the distance from the preferred step, which picks one Δq where J is rank-deficient (keep it far below alpha)."""
 
     alpha: float = 1.0
     beta: float = 3.0
@@ -63,28 +67,40 @@ def optimise_step(
     upper: Vector,
     weights: Weights = Weights(),
     error_bound: float = np.inf,
+    preferred: Vector | None = None,
 ) -> OptimisedStep:
     """The best Δq since the last sample.
 
     exact: (J_ex (m_ex, n), r_ex (m_ex,), Δx_ex (m_ex,)); approximate: (J_ap, e_ap, Δx_ap) likewise, either may have 0 rows;
     lower, upper (n,): bounds of Δq from position, velocity and acceleration (`velocity_bounds` times the cycle time);
-    error_bound: largest component of what is left of e_ap. Never fails: bounds that cross are met in the middle.
+    error_bound: largest component of what is left of e_ap; preferred (n,): Δq to stay near where the task leaves a choice, default 0
+    (the smallest). Never fails: bounds that cross are met in the middle.
     """
     middle = 0.5 * (lower + upper)
     low, high = np.where(lower > upper, middle, lower), np.where(lower > upper, middle, upper)
     bounded = bool(np.isfinite(error_bound)) and approximate[1].size > 0
+    centre = np.zeros(low.size) if preferred is None else preferred
     for hold_time, hold_bound in ((True, True), (True, False), (False, False)):
         if hold_bound and not bounded:
             continue
-        y = _solve(exact, approximate, low, high, weights, error_bound if hold_bound else np.inf, hold_time)
+        y = _solve(
+            exact,
+            approximate,
+            low,
+            high,
+            _cost(exact, approximate, weights, centre),
+            error_bound,
+            hold_time,
+            hold_bound,
+        )
         if y is not None:
             return _step(y, exact, approximate, error_bound, low, high)
-    y = _solve_soft(exact, approximate, low, high, weights)
+    y = _solve_soft(exact, approximate, low, high, weights, centre)
     return _step(y, exact, approximate, error_bound, low, high)
 
 
 def _cost(
-    exact: tuple[Matrix, Vector, Vector], approximate: tuple[Matrix, Vector, Vector], weights: Weights
+    exact: tuple[Matrix, Vector, Vector], approximate: tuple[Matrix, Vector, Vector], weights: Weights, centre: Vector
 ) -> tuple[Matrix, Vector]:
     """H and g of ½yᵀHy + gᵀy for y = (Δq, ϑ)."""
     jacobian, error, change = approximate
@@ -96,7 +112,7 @@ def _cost(
             np.diag(np.append(np.full(n, weights.delta), weights.gamma)),
         ]
     )
-    target = np.concatenate([weights.alpha * error, weights.beta * change, np.zeros(n + 1)])
+    target = np.concatenate([weights.alpha * error, weights.beta * change, weights.delta * centre, [0.0]])
     gradient = -rows.T @ target
     gradient[-1] += weights.patience
     return rows.T @ rows, gradient
@@ -107,21 +123,28 @@ def _solve(
     approximate: tuple[Matrix, Vector, Vector],
     low: Vector,
     high: Vector,
-    weights: Weights,
+    cost: tuple[Matrix, Vector],
     error_bound: float,
     hold_time: bool,
+    hold_bound: bool,
 ) -> Vector | None:
-    """(Δq, ϑ) with the exact rows held, or None where that is impossible. hold_time: ϑ = 0."""
-    hessian, gradient = _cost(exact, approximate, weights)
-    rows, lower, upper = np.column_stack([exact[0], exact[2]]), exact[1], exact[1]
+    """(Δq, ϑ) with the exact rows held, or None where that is impossible. hold_time: ϑ = 0; hold_bound: s = 0."""
+    n = low.size
+    hessian, gradient = np.eye(n + 2), np.full(n + 2, _EXCESS_COST)
+    hessian[:-1, :-1], gradient[:-1] = cost
+    rows = np.column_stack([exact[0], exact[2], np.zeros(exact[1].size)])
+    lower, upper = exact[1], exact[1]
     equalities = lower.size
     if np.isfinite(error_bound):
-        limited = np.column_stack([approximate[0], np.zeros(approximate[1].size)])
-        rows = np.vstack([rows, limited])
-        lower = np.append(lower, approximate[1] - error_bound)
-        upper = np.append(upper, approximate[1] + error_bound)
-    box_low, box_high = np.append(low, 0.0), np.append(high, 0.0 if hold_time else 1.0)
-    return _minimise(hessian, gradient, rows, np.append(box_low, lower), np.append(box_high, upper), equalities)
+        jacobian, error, _ = approximate
+        zeros, ones = np.zeros(error.size), np.ones(error.size)
+        rows = np.vstack([rows, np.column_stack([jacobian, zeros, -ones]), np.column_stack([jacobian, zeros, ones])])
+        lower = np.concatenate([lower, np.full(error.size, -np.inf), error - error_bound])
+        upper = np.concatenate([upper, error + error_bound, np.full(error.size, np.inf)])
+    box_low = np.concatenate([low, [0.0, 0.0], lower])
+    box_high = np.concatenate([high, [0.0 if hold_time else 1.0, 0.0 if hold_bound else np.inf], upper])
+    y = _minimise(hessian, gradient, rows, box_low, box_high, equalities)
+    return None if y is None else y[:-1]
 
 
 def _solve_soft(
@@ -130,9 +153,10 @@ def _solve_soft(
     low: Vector,
     high: Vector,
     weights: Weights,
+    centre: Vector,
 ) -> Vector:
     """(Δq, 1): standstill of the commanded path, and translation as near as the bounds allow."""
-    hessian, gradient = _cost(exact, approximate, weights)
+    hessian, gradient = _cost(exact, approximate, weights, centre)
     weight = _LAST_RESORT * max(weights.alpha, weights.beta)
     rows = weight * np.column_stack([exact[0], exact[2]])
     hessian = hessian + rows.T @ rows

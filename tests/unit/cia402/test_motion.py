@@ -304,5 +304,5 @@ def test_mode_in_every_rpdo_does_not_hold_the_axis_back() -> None:
     assert rig.plant.position[0] == pytest.approx(target * 1e-6, abs=0.01)
     master.port.send(0x200 + JOINT, struct.pack("<Hib", 0x0F, target, 3))  # a mode that it has not
     rig.run(12 * MS)
-    assert rig.sent(0x080 + JOINT) == [bytes.fromhex("0082113000090601")]
+    assert rig.sent(0x080 + JOINT)[-1] == bytes.fromhex("0082113000090601")
     assert rig.drive.state is State.OPERATION_ENABLED
