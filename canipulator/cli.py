@@ -70,8 +70,9 @@ def run(
 
     Exit code 0: its expectations hold. 1: one of them does not. 2: bad input.
     """
-    from canipulator.run import RunOptions, run_scenario
+    from canipulator.outcome import RunOptions
     from config.load import load_scenario
+    from config.scenario import Scenario
 
     if bus_url != "lockstep":
         raise ConfigError(f"--bus {bus_url!r}: the only bus of this version is 'lockstep'")
@@ -83,7 +84,14 @@ def run(
         raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
     loaded = load_scenario(scenario, sets)
     options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json)
-    outcome = run_scenario(loaded, options)
+    if isinstance(loaded, Scenario):
+        from canipulator.run import run_scenario
+
+        outcome = run_scenario(loaded, options)
+    else:
+        from canipulator.kinematic_run import run_kinematic
+
+        outcome = run_kinematic(loaded, options)
     if as_json:
         click.echo(json.dumps(outcome.metrics))
     raise SystemExit(outcome.exit_code)

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import subprocess
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from canipulator.outcome import (
+    EXPECTATION_MISSED,
+    OK,
+    Outcome,
+    RunOptions,
+    expectations,
+    flat,
+    progress_bar,
+    revision,
+    run_directory,
+    show,
+)
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
 from config.errors import ConfigError
 from config.load import dump_scenario
@@ -27,38 +35,16 @@ from drivers.planner_node import PlannerNode
 from drivers.strategic_node import StrategicNode
 from logs.bus_log import BusLogWriter
 from logs.events import Level
-from logs.expectations import Expectation
 from logs.metrics import Metrics, RunFacts, evaluate
 from logs.recorder import RunInfo
 from logs.run_log import RunLog
 from logs.signals import SignalTable
-from logs.summary import summary
 from stack.messages import Truth
 from stack.strategic.mission import Stage
 
-OK, EXPECTATION_MISSED, INTERRUPTED = 0, 1, 130
 SETTLE_NS = 300_000_000
 """How long a run goes on after its mission has ended: the planner comes to rest and switches the drives off."""
 CHUNK_NS = 100_000_000
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """How to run, beside what the scenario says. `duration_s` cuts it short and leaves the expectations unjudged."""
-
-    out: Path | None = None
-    duration_s: float | None = None
-    record: bool = True
-    quiet: bool = False
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What is left of a run: its folder, its metrics as in metrics.json, and the exit code."""
-
-    directory: Path
-    metrics: dict[str, Any]
-    exit_code: int
 
 
 def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:
@@ -69,14 +55,14 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:
     robot = load_robot(scenario.robot)
     _check(scenario, robot)
     _check_expectations(scenario, robot)
-    directory = _directory(scenario, options)
+    directory = run_directory(scenario.name, options)
     (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
     with LockstepRun(scenario, robot, options, directory) as run:
         interrupted = run.go()
     metrics = run.metrics(judged=options.duration_s is None and not interrupted)
     (directory / "metrics.json").write_text(metrics.to_json(), encoding="utf-8")
     if not options.quiet:
-        _show(metrics, directory, options)
+        show(metrics, directory, options)
     if interrupted:
         raise KeyboardInterrupt
     return Outcome(directory, metrics.as_dict(), OK if metrics.ok else EXPECTATION_MISSED)
@@ -104,12 +90,13 @@ class LockstepRun:
                 scenario.seed,
                 scenario.planner.method,
                 scenario.planner.coordination,
-                _revision(),
-                _flat(scenario.model_dump(mode="json", exclude_none=True)),
+                revision(),
+                flat(scenario.model_dump(mode="json", exclude_none=True)),
             ),
             sync_period_ns=self.period_ns,
             bitrate=scenario.bus.bitrate,
             platform_ratio=self._platform_ratio,
+            world_reference=scenario.feedback.rate_hz > 0.0,
             recording=directory / "run.rrd" if options.record else None,
             event_log=directory / "events.log",
         )
@@ -136,10 +123,10 @@ class LockstepRun:
         self.power_on()
         began = time.perf_counter()
         try:
-            with _collector_off(), self._progress(end_ns) as advance:
+            with _collector_off(), progress_bar(self.scenario.name, end_ns, quiet=self.options.quiet) as advance:
                 while (now_ns := self.clock.now_ns()) < end_ns and not self._done():
                     self.clock.run_until(min(now_ns + CHUNK_NS, end_ns))
-                    advance(self.clock.now_ns())
+                    self._advance(advance)
         except KeyboardInterrupt:
             self._on_event(Level.WARN, "run", "interrupted")
             return True
@@ -153,6 +140,10 @@ class LockstepRun:
         self.strategic.node.power_on()
         self.planner.power_on()
         self._sample()
+
+    def _advance(self, advance: Callable[[float, str], None]) -> None:
+        now_ns = self.clock.now_ns()
+        advance(now_ns, f"{now_ns * 1e-9:.1f} s {self.planner.phase.name.lower()}")
 
     def _done(self) -> bool:
         """Some time after the mission's end: the planner has come to rest by then."""
@@ -190,19 +181,6 @@ class LockstepRun:
     def _on_log_error(self, error: OSError) -> None:
         self._on_event(Level.ERROR, "bus.log", f"{error.strerror}: frames from here on are not in bus.log")
 
-    @contextlib.contextmanager
-    def _progress(self, end_ns: int) -> Iterator[Any]:
-        """A bar on stderr for people, nothing for pipes."""
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[at]}"), TimeElapsedColumn())
-        console = Console(stderr=True)
-        with Progress(*columns, console=console, transient=True, disable=self.options.quiet) as bar:
-            task = bar.add_task(self.scenario.name, total=end_ns, at="")
-
-            def advance(now_ns: int) -> None:
-                bar.update(task, completed=now_ns, at=f"{now_ns * 1e-9:.1f} s {self.planner.phase.name.lower()}")
-
-            yield advance
-
     @property
     def _platform_ratio(self) -> int:
         return round(self.scenario.planner.arm_cycle_hz / self.scenario.planner.platform_cycle_hz)
@@ -231,7 +209,7 @@ class LockstepRun:
             extra=self._own_metrics(),
         )
         metrics = evaluate(self.log.table, self.robot.arm, facts)
-        return metrics.judged(_expectations(scenario)) if judged else metrics
+        return metrics.judged(expectations(scenario.expect)) if judged else metrics
 
     def _own_metrics(self) -> dict[str, float | None]:
         assert self.first is not None and self.last is not None  # `go` samples at once
@@ -271,32 +249,9 @@ def _check_expectations(scenario: Scenario, robot: Robot) -> None:
     nothing = evaluate(SignalTable(), robot.arm, facts)
     joints = dict.fromkeys(robot.arm.joint_names, 0.0)
     try:
-        replace(nothing, joint_travel=joints).judged(_expectations(scenario))
+        replace(nothing, joint_travel=joints).judged(expectations(scenario.expect))
     except ValueError as error:
         raise ConfigError(f"{scenario.name}: {error}") from None
-
-
-def _directory(scenario: Scenario, options: RunOptions) -> Path:
-    """The run's folder, made; `runs/<scenario>-<n>` with the next free n unless one was asked for."""
-    if options.out is not None:
-        options.out.mkdir(parents=True, exist_ok=True)
-        return options.out
-    for n in range(1, 1_000_000):
-        directory = Path("runs") / f"{scenario.name}-{n}"
-        with contextlib.suppress(FileExistsError):
-            directory.mkdir(parents=True)
-            return directory
-    raise ConfigError("runs/: too many runs; remove some, or give --out")
-
-
-def _expectations(scenario: Scenario) -> list[Expectation]:
-    found = []
-    for expect in scenario.expect:
-        if expect.max is not None:
-            found.append(Expectation(expect.metric, "<=", expect.max))
-        if expect.min is not None:
-            found.append(Expectation(expect.metric, ">=", expect.min))
-    return found
 
 
 def _overload(table: SignalTable, frames_lost: int) -> tuple[str, ...]:
@@ -322,30 +277,6 @@ OVERLOAD_WINDOWS = 3
 """So many windows of 100 ms on end: heartbeats, which have the lowest priority, are lost by then."""
 
 
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, str | int | float | bool]:
-    """The resolved scenario as flat properties of the recording."""
-    flat: dict[str, str | int | float | bool] = {}
-    for key, value in values.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        elif isinstance(value, str | int | float | bool):
-            flat[prefix + key] = value
-    return flat
-
-
-def _revision() -> str:
-    """The project's git revision, empty outside a checkout."""
-    with contextlib.suppress(OSError):
-        answer = subprocess.run(
-            ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        return answer.stdout.strip()
-    return ""
-
-
 @contextlib.contextmanager
 def _collector_off() -> Iterator[None]:
     """No garbage collection inside the loop: nothing there makes cycles, and pauses would show in the cycle times."""
@@ -356,14 +287,6 @@ def _collector_off() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
-
-
-def _show(metrics: Metrics, directory: Path, options: RunOptions) -> None:
-    console = Console()
-    console.print(summary(metrics))
-    console.print(f"files      {directory}/  (bus.log, events.log, metrics.json, scenario.toml)", highlight=False)
-    if options.record:
-        console.print(f"recording  {directory / 'run.rrd'}  (canipulator view {directory})", highlight=False)
 
 
 __all__ = ["LockstepRun", "Outcome", "RunOptions", "run_scenario"]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from config.errors import ConfigError, nearest
 from config.scenario import ExpectTable, Finite, NotNegative, Positive, Table, Vector3
 
 
@@ -48,12 +51,8 @@ class WristSingularityTable(Table):
         return self
 
 
-Experiments = WristSingularityTable
-"""Every table that [experiment] may be; add with `|`, told apart by `type` (then with Field(discriminator="type"))."""
-
-
 class KinematicScenario(Table):
-    """A whole scenario file of this kind."""
+    """A whole scenario file of this kind; what [experiment] takes is up to the experiment, see `KINEMATIC_SCENARIOS`."""
 
     kind: Literal["kinematic"]
     name: str
@@ -61,5 +60,28 @@ class KinematicScenario(Table):
     robot: str
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     cycle_s: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
-    experiment: Experiments
+    experiment: Table
     expect: tuple[ExpectTable, ...] = ()
+
+
+class WristSingularityScenario(KinematicScenario):
+    """`experiment.type = "wrist-singularity"`."""
+
+    experiment: WristSingularityTable
+
+
+KINEMATIC_SCENARIOS: dict[str, type[KinematicScenario]] = {
+    "wrist-singularity": WristSingularityScenario,
+}
+"""By `experiment.type`: the model of the whole file."""
+
+
+def kinematic_model(data: Mapping[str, Any], source: Path | str) -> type[KinematicScenario]:
+    """The model for a scenario file with `kind = "kinematic"`. Raises ConfigError for an experiment that does not exist."""
+    experiment = data.get("experiment")
+    if not isinstance(experiment, Mapping) or "type" not in experiment:
+        raise ConfigError(f"{source}: key 'experiment.type' is missing")
+    chosen = experiment["type"]
+    if not isinstance(chosen, str) or chosen not in KINEMATIC_SCENARIOS:
+        raise ConfigError(f"{source}: unknown experiment.type {chosen!r}, {nearest(str(chosen), KINEMATIC_SCENARIOS)}")
+    return KINEMATIC_SCENARIOS[chosen]

@@ -12,6 +12,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from config.errors import ConfigError, from_validation, nearest
+from config.kinematic import KinematicScenario, kinematic_model
 from config.scenario import Scenario
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -23,16 +24,26 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
 
 
-def load_scenario(name: str, overrides: Iterable[str] = ()) -> Scenario:
+def load_scenario(name: str, overrides: Iterable[str] = ()) -> Scenario | KinematicScenario:
     """The scenario `name` (of the project, or the path of a TOML file) with `KEY=VALUE` overrides applied.
 
+    A file with `kind = "kinematic"` is a KinematicScenario, one without `kind` a Scenario.
     Raises ConfigError with file, key, value and the nearest valid name.
     """
     path = _scenario_path(name)
     data = read_toml(path)
     for override in overrides:
         _apply(data, override)
-    return validate(Scenario, data, path)
+    return validate(_model(data, path), data, path)
+
+
+def _model(data: Mapping[str, Any], source: Path) -> type[Scenario] | type[KinematicScenario]:
+    kind = data.get("kind")
+    if kind is None:
+        return Scenario
+    if kind != "kinematic":
+        raise ConfigError(f"{source}: kind = {kind!r}: must be 'kinematic', or left out for a run with physics and bus")
+    return kinematic_model(data, source)
 
 
 def validate(model: type[Model], data: Mapping[str, Any], source: Path | str) -> Model:
@@ -55,7 +66,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not TOML: {error}") from None
 
 
-def dump_scenario(scenario: Scenario) -> str:
+def dump_scenario(scenario: Scenario | KinematicScenario) -> str:
     """The resolved scenario as TOML; running it again reproduces the run."""
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
 

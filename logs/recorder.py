@@ -87,7 +87,7 @@ class RerunRecorder:
         for lane in STATE_LANES:
             self._style_lane(lane)
         stream.send_recording_name(f"{self._info.name}, seed {self._info.seed}")
-        stream.send_property("run", rr.AnyValues(**_properties(self._info)))
+        stream.send_property("run", rr.AnyValues(**run_properties(self._info)))
         stream.flush(timeout_sec=FLUSH_TIMEOUT_S)  # columns overtake what is still in the batcher
 
     def _style_lane(self, lane: str) -> None:
@@ -159,7 +159,8 @@ class RerunRecorder:
             self._send("events", t_ns, rr.TextLog.columns(text=texts, level=[event.level.name for event in events]))
 
 
-def _properties(info: RunInfo) -> dict[str, Any]:
+def run_properties(info: RunInfo) -> dict[str, Any]:
+    """Properties of a recording: what identifies the run, and its settings."""
     known = {
         "name": info.name,
         "seed": info.seed,

@@ -46,6 +46,7 @@ class RunLog:
         sync_period_ns: int,
         bitrate: int = 1_000_000,
         platform_ratio: int = 5,
+        world_reference: bool = False,
         recording: Path | None,
         event_log: Path | None,
         wait: bool = True,
@@ -62,7 +63,7 @@ class RunLog:
             wheel_radius=platform.wheel_radius if platform else 1.0,
             track=platform.track if platform else 1.0,
         )
-        self._tracking = PathTracking(sync_period_ns)
+        self._tracking = PathTracking(sync_period_ns, world_reference=world_reference)
         self._dexterity = Dexterity(arm)
         self._events = EventLog(event_log) if event_log is not None else None
         self._queue: SimpleQueue[tuple[Block, bool] | None] = SimpleQueue()

@@ -16,9 +16,11 @@ class PathTracking:
 
     The reference frame R of a segment (from the cycle in which references become valid to the one in which they cease to be)
     is placed in the world by the true TCP pose at the segment's first reference: there the error is zero by definition.
+    With `world_reference` R is the world itself, as it is for a planner that has TCP feedback: nothing is placed, nothing forgiven.
     """
 
-    def __init__(self, sync_period_ns: int) -> None:
+    def __init__(self, sync_period_ns: int, *, world_reference: bool = False) -> None:
+        self._world_reference = world_reference
         self._tolerance_ns = sync_period_ns // 2
         self._waiting: tuple[Signal, Signal] | None = None
         self._truth: Signal | None = None
@@ -60,11 +62,11 @@ class PathTracking:
         commanded, turn_W = np.empty((len(pose), 3)), np.empty((len(pose), 3, 3))
         for number in np.unique(segment).tolist():
             rows = np.flatnonzero(segment == number)
-            if number != self._segment:
-                self._segment = number
+            if number != self._segment and not self._world_reference:
                 first = rows[0]
                 self._turn = true_turn[first] @ turn_R[first].T
                 self._shift = true_position[first] - self._turn @ pose.values[first, :3]
+            self._segment = number
             commanded[rows] = pose.values[rows, :3] @ self._turn.T + self._shift
             turn_W[rows] = self._turn @ turn_R[rows]
         error = true_position - commanded

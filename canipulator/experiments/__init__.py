@@ -1,1 +1,17 @@
 """Kinematic experiments: no physics, no bus, one robot description and a method of the stack; run by `canipulator.kinematic_run`."""
+
+from __future__ import annotations
+
+from canipulator.experiments.base import Experiment, Progress
+from canipulator.experiments.wrist_singularity import WristSingularity
+from config.kinematic import KinematicScenario, WristSingularityScenario
+
+
+def build_experiment(scenario: KinematicScenario) -> Experiment:
+    """The experiment of a scenario, ready to run. Raises ConfigError for values that do not fit the robot."""
+    if isinstance(scenario, WristSingularityScenario):
+        return WristSingularity(scenario)
+    raise TypeError(f"no experiment for {type(scenario).__name__}")
+
+
+__all__ = ["Experiment", "Progress", "build_experiment"]

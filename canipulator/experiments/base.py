@@ -14,6 +14,9 @@ Progress = Callable[[float], None]
 class Experiment(Protocol):
     """One experiment, ready to run: scenario read and checked when it was made."""
 
+    duration_s: float
+    """Simulated time to the end, for the progress bar."""
+
     metric_names: tuple[str, ...]
     """Keys of `Recorded.metrics`: expectations are checked against them before the run begins."""
 

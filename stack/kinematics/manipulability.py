@@ -14,7 +14,8 @@ from stack.kinematics.se3 import quaternion_from_rotation
 def singular_values(jacobian: ArrayLike) -> Array:
     """(min(m, n),), in descending order."""
     j = _matrix(jacobian)
-    return np.linalg.svd(j, compute_uv=False)
+    values: Array = np.linalg.svd(j, compute_uv=False)
+    return values
 
 
 def manipulability(jacobian: ArrayLike) -> float:

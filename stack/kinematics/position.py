@@ -139,8 +139,9 @@ def within_limits(arm: ArmModel, solutions: Sequence[ArrayLike], near: ArrayLike
 
 def nearest(arm: ArmModel, solutions: Sequence[ArrayLike], previous: ArrayLike) -> Array | None:
     """The solution inside the limits that is soonest reached from `previous` (n,) at full joint speeds; None if none."""
-    fitting = within_limits(arm, solutions, near=previous)
-    return min(fitting, key=lambda q: float(np.max(np.abs(q - previous) / arm.dq_max)), default=None)
+    start = finite("previous", previous, (arm.n,))
+    fitting = within_limits(arm, solutions, near=start)
+    return min(fitting, key=lambda q: float(np.max(np.abs(q - start) / arm.dq_max)), default=None)
 
 
 def most_central(arm: ArmModel, solutions: Sequence[ArrayLike]) -> Array | None:

@@ -91,7 +91,7 @@ class PlannerParameters:
     null_space_motion: bool = True
     joint_limit_rules: bool = True
     correction_gain: float = 20.0
-    tracker_gain: float = 0.25
+    tracker_gain: float = 0.4
     epsilon: float = 0.02
     patience_m: float = 0.005
     patience_rad: float = 0.01

@@ -12,6 +12,7 @@ import numpy as np
 
 from stack.kinematics.arm import ArmModel, ArmState
 from stack.kinematics.platform import platform_of, wheel_speeds
+from stack.kinematics.se3 import pose_inverse
 from stack.messages import Matrix, Mode, Restriction, TrackedPose, Vector
 from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated, following
 from stack.planner.drift import DriftEstimate
@@ -123,7 +124,11 @@ class Planner:
             drift = drift.believing(inputs.t_ns, T_OE)
             if inputs.tracked is not None:
                 drift = drift.measured_by(inputs.tracked, inputs.t_ns, parameters.tracker_gain)
-        return replace(state, cycle=state.cycle + 1, odometry=odometry, drift=drift), drift.T_RO @ T_OE
+        heard = replace(state, cycle=state.cycle + 1, odometry=odometry, drift=drift)
+        if state.X_RE is not None and state.drift.count == 0 and drift.count > 0:
+            # The first measurement says where R is: what was commanded so far goes along with it instead of jumping.
+            heard = replace(heard, X_RE=drift.T_RO @ pose_inverse(state.drift.T_RO) @ state.X_RE)
+        return heard, drift.T_RO @ T_OE
 
     def _rest(
         self, state: PlannerState, inputs: PlannerInputs, measured: Matrix

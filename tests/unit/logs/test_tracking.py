@@ -85,3 +85,12 @@ def test_a_whole_run_gives_the_error_that_was_put_in(table: SignalTable) -> None
     np.testing.assert_allclose(error.values[:, 0], expected, atol=5e-5)  # the wire rounds to 2 µm and 0.1 mrad
     moving = error.t_s > 2.0  # before that the path itself goes up as fast as it goes ahead
     np.testing.assert_allclose(error.values[moving, 1], expected[moving], atol=5e-5)
+
+
+def test_a_reference_in_the_world_is_not_placed() -> None:
+    """With TCP feedback the commanded path is in the world: being beside it from the start is an error."""
+    commanded = _line(6)
+    true = commanded + [0.0, 0.004, 0.0]
+    tracking = PathTracking(PERIOD_NS, world_reference=True)
+    error = tracking.add(*_signals(commanded, true, np.ones(6)))["tcp/error"].values
+    np.testing.assert_allclose(error[:, 0], 0.004, atol=1e-12)

@@ -23,7 +23,7 @@ def test_the_first_measurement_is_taken_whole() -> None:
 
 def test_a_constant_offset_is_learned_geometrically() -> None:
     belief, offset = np.eye(4), pose_exp(np.array([0.02, -0.01, 0.0, 0.0, 0.0, 0.05]))
-    drift = DriftEstimate(measured=True)
+    drift = DriftEstimate(count=100)
     errors = []
     for k in range(30):
         drift = drift.believing(k * PERIOD_NS, belief).measured_by(seen(offset @ belief), k * PERIOD_NS, gain=0.25)
@@ -34,7 +34,7 @@ def test_a_constant_offset_is_learned_geometrically() -> None:
 
 def test_latency_is_no_error() -> None:
     """A moving TCP and a late sensor: compared at the time of the measurement, nothing is left to correct."""
-    drift = DriftEstimate(measured=True)
+    drift = DriftEstimate(count=100)
     for k in range(20):
         pose = np.eye(4)
         pose[0, 3] = 0.002 * k
@@ -55,6 +55,6 @@ def test_orientation_noise_does_not_move_the_tcp() -> None:
     far[0, 3] = 4.0
     noisy = far.copy()
     noisy[:3, :3] = pose_exp(np.array([0, 0, 0, 0, 0, 0.01]))[:3, :3]
-    drift = DriftEstimate(measured=True).believing(0, far).measured_by(seen(noisy), 0, gain=0.5)
+    drift = DriftEstimate(count=100).believing(0, far).measured_by(seen(noisy), 0, gain=0.5)
     np.testing.assert_allclose((drift.T_RO @ far)[:3, 3], far[:3, 3], atol=1e-12)
     assert pose_inverse(drift.T_RO)[1, 0] != 0.0
