@@ -31,7 +31,7 @@ check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a m
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
 	@$(BIN)/lint-imports
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q -m "not slow and not socketcan and not viewer"
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q --hypothesis-profile=quick -m "not slow and not socketcan and not viewer"
 
 bench: $(STAMP)  ## each hot path as a ratio against a stated reference
 	@$(BIN)/python -m benchmarks

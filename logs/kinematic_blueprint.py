@@ -61,7 +61,7 @@ def _plot(path: str, plot: Plot) -> rrb.TimeSeriesView:
 
 def _scene(robot: str, low: Vector, high: Vector) -> rrb.Spatial3DView:
     target = 0.5 * (low + high)
-    distance = 1.0 * float(np.linalg.norm(high - low)) + 0.4
+    distance = 0.8 * float(np.linalg.norm(high - low)) + 0.3
     eye = target + distance * np.array([0.62, -0.62, 0.42])
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)

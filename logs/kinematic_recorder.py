@@ -87,9 +87,7 @@ class _Recording:
                 stream.log(f"{path}/{i:02d}", style, static=True)
             if plot.limits:
                 k = len(plot.limits)
-                style = rr.SeriesLines(
-                    names=["limit"] + ["limit "] * (k - 1), colors=[palette.LIMIT] * k, widths=[1.0] * k
-                )
+                style = rr.SeriesLines(names=[plot.limit_label] * k, colors=[palette.LIMIT] * k, widths=[1.0] * k)
                 stream.log(f"{path}/limits", style, static=True)
         for lane in dict.fromkeys(change.lane for change in self._recorded.states):
             values = sorted({change.state for change in self._recorded.states if change.lane == lane})

@@ -73,7 +73,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """One view of curves. `title` carries the unit in brackets and is unique; `limits`: horizontal lines; `span`: fixed y range.
+    """One view of curves. `title` carries the unit in brackets and is unique; `limits`: horizontal lines, `limit_label` what they are; `span`: fixed y range.
 
     `tab` None: on the overview, else on the tab of that name.
     """
@@ -81,6 +81,7 @@ class Plot:
     title: str
     curves: tuple[Curve, ...]
     limits: tuple[float, ...] = ()
+    limit_label: str = "limit"
     span: tuple[float, float] | None = None
     tab: str | None = None
     legend: bool = True

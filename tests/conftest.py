@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 settings.register_profile("canipulator", deadline=None, print_blob=True)
+settings.register_profile("quick", deadline=None, print_blob=True, max_examples=25)
 settings.load_profile("canipulator")
 
 # One solver thread: the same bits on every machine, and no fight for cores between test processes.

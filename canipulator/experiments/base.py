@@ -14,11 +14,15 @@ Progress = Callable[[float], None]
 class Experiment(Protocol):
     """One experiment, ready to run: scenario read and checked when it was made."""
 
-    duration_s: float
-    """Simulated time to the end, for the progress bar."""
+    @property
+    def duration_s(self) -> float:
+        """Simulated time to the end, for the progress bar."""
+        ...
 
-    metric_names: tuple[str, ...]
-    """Keys of `Recorded.metrics`: expectations are checked against them before the run begins."""
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        """Keys of `Recorded.metrics`: expectations are checked against them before the run begins."""
+        ...
 
     def run(self, on_progress: Progress, duration_s: float | None = None) -> Recorded:
         """Runs to the end, or for `duration_s` of simulated time. Deterministic: the same scenario and seed, the same record."""

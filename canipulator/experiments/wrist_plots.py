@@ -26,6 +26,7 @@ def wrist_plots(
             "Orientation error [°]",
             (Curve("angle", t_s, np.degrees(rotation), palette.COMMANDED, 3.0), *turns),
             limits=bound,
+            limit_label="bound",
         ),
         Plot(
             "Translation error [µm]",
@@ -40,12 +41,13 @@ def wrist_plots(
         ),
         Plot("Axes 4 and 6 [°]", _wrist_axes(arm, judged, closed), legend=True),
         Plot(
-            "Axis 5 [°], singular at 0",
+            "Axis 5 [°]",
             (
                 Curve("closed form", closed.t_s, np.degrees(closed.q[:, 4]), palette.NEUTRAL, 3.5),
                 Curve(judged.name, t_s, np.degrees(judged.q[:, 4]), palette.MEASURED),
             ),
             limits=(0.0,),
+            limit_label="singular",
         ),
     )
 

@@ -62,6 +62,7 @@ class DriveBank:
         self.command: Vector = np.zeros(count)
         self.set_point: Vector = self.servo.state.set_point
         self.mode = np.full(count, int(AxisMode.OFF), dtype=np.int64)
+        self.mode_changed = True
         self.limited = np.zeros(count, dtype=np.int64)
         self.deadline_ns = np.full(count, NO_DEADLINE, dtype=np.int64)
         self.target: Vector = np.zeros(count)
@@ -114,8 +115,10 @@ class DriveBank:
             self.servo.dt_s,
         ):
             self._report()
-        if self._brakes is not None:
-            self._set_brakes(self._brakes)
+        if self.mode_changed:
+            self.mode_changed = False
+            if self._brakes is not None:
+                self._set_brakes(self._brakes)
         self.plant.write(self.command)
 
     def received(self, period_ns: int, sync_ns: int) -> BoolVector:

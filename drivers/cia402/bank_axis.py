@@ -88,20 +88,20 @@ class BankAxis:
 
     def run(self, mode: AxisMode, deceleration: float) -> None:
         """Follow set points; `deceleration` brakes the axis when they stay away."""
-        self._bank.mode[self.index] = int(mode)
+        self._switch(mode)
         self._decelerate_with(deceleration)
         self._bank.watch[AWAITS_STOP, self.index] = 0.0
 
     def stop(self, deceleration: float, report: bool) -> None:
         """Brake the set point, then hold. `report`: an alarm STOPPED tells when the axis stands."""
-        self._bank.mode[self.index] = int(AxisMode.STOP)
+        self._switch(AxisMode.STOP)
         self._decelerate_with(deceleration)
         self._bank.watch[AWAITS_STOP, self.index] = float(report)
         self._bank.watch[STANDING_S, self.index] = 0.0
 
     def off(self) -> None:
         """No torque, at once."""
-        self._bank.mode[self.index] = int(AxisMode.OFF)
+        self._switch(AxisMode.OFF)
         self._bank.command[self.index] = 0.0
         self._bank.watch[AWAITS_STOP, self.index] = 0.0
         self._bank.deadline_ns[self.index] = NO_DEADLINE
@@ -135,6 +135,10 @@ class BankAxis:
         bank.zero[index] = bank.raw_position[index] - position
         bank.position[index] = position
         self.seed()
+
+    def _switch(self, mode: AxisMode) -> None:
+        self._bank.mode[self.index] = int(mode)
+        self._bank.mode_changed = True
 
     def _decelerate_with(self, deceleration: float) -> None:
         if self._bank.settings["stop_deceleration"][self.index] != deceleration:

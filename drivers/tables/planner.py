@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-
 from drivers.objects import Access, DataType, DeviceDef, ObjectDef
 from drivers.tables.communication import U8, U16, Identity, array
 from drivers.tables.fast import FastFrame, Signal, fast_device, vector
+from stack.planner.parameters import Coordination, Method
 
 I16, I24, REAL32 = DataType.INTEGER16, DataType.INTEGER24, DataType.REAL32
 
@@ -17,23 +16,6 @@ PATH_SCALE_ONE = 65535
 JOINT_NAMES = tuple(f"joint {i}" for i in range(1, 9))
 WEIGHT_NAMES = (*JOINT_NAMES, "platform v", "platform omega")
 PREFERENCE_NAMES = (*JOINT_NAMES, "unused 9", "unused 10")
-
-
-class Method(IntEnum):
-    """2001h: the resolver of redundancy."""
-
-    PNS = 0
-    FSP = 1
-    GRADIENT = 2
-    QP = 3
-
-
-class Coordination(IntEnum):
-    """2002h: how arm and platform share the task."""
-
-    ABC = 0
-    UNIFIED = 1
-    ARM_ONLY = 2
 
 
 MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE, JOINT_LIMIT_RULES = range(

@@ -14,8 +14,7 @@ from stack.kinematics.se3 import quaternion_from_rotation
 def singular_values(jacobian: ArrayLike) -> Array:
     """(min(m, n),), in descending order."""
     j = _matrix(jacobian)
-    values: Array = np.linalg.svd(j, compute_uv=False)
-    return values
+    return np.asarray(np.linalg.svd(j, compute_uv=False), dtype=np.float64)
 
 
 def manipulability(jacobian: ArrayLike) -> float:

@@ -64,7 +64,8 @@ def _nearest(rotation: Array, near: Array) -> Array:
     if lean < _POLE:
         total = math.atan2(rotation[1, 0], rotation[0, 0])
         pole = np.array([near[0], 0.0, total - near[0]])
-        return pole + _TURN * np.round((near - pole) / _TURN) * [0.0, 0.0, 1.0]
+        pole[2] += _TURN * round(float(near[2] - pole[2]) / _TURN)
+        return pole
     tilt = math.atan2(lean, rotation[2, 2])
     fourth, sixth = math.atan2(rotation[1, 2], rotation[0, 2]), math.atan2(rotation[2, 1], -rotation[2, 0])
     found = [np.array([fourth, tilt, sixth]), np.array([fourth + math.pi, -tilt, sixth + math.pi])]

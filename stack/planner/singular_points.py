@@ -53,6 +53,21 @@ class PlaneSearch:
                 found += self._on_bound(Kind.SEMI_ALGORITHMIC, joint, bound, samples)
         return found
 
+    def optimality_on(self, first: Vector, second: Vector) -> tuple[Matrix, Matrix, Matrix]:
+        """On a grid of the two joints, first (a,), second (b,): H, w·(z·h) and the derivative of z·h along z, each (b, a); w = √det(J Jᵀ).
+
+        The second is zero on the optimum loci and continuous everywhere; the third is negative there where H is largest.
+        """
+        out = np.empty((3, second.size, first.size))
+        for i, b in enumerate(second):
+            for j, a in enumerate(first):
+                point = np.array([a, b])
+                local = self._local(point)
+                gradient, curvature, _ = self._optimality(point)
+                size = math.sqrt(max(float(np.linalg.det(local.jacobian @ local.jacobian.T)), 0.0))
+                out[:, i, j] = local.value, size * gradient, curvature
+        return out[0], out[1], out[2]
+
     def kinematic(self, cells: int = 12) -> list[SingularPoint]:
         """Where all the largest minors of J vanish."""
 

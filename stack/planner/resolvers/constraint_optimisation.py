@@ -23,6 +23,7 @@ from stack.messages import Matrix, Vector
 
 _OPTIMAL = 1
 _LAST_RESORT = 1e4
+_NOTHING = 1e-12
 _EXCESS_COST = 10.0
 """Of each rad beyond the error bound, linear, so that the bound is exceeded by no more than it must; small against `patience` times
 the turn of one cycle, so that time does not give way before it."""
@@ -196,7 +197,7 @@ def _step(
     high: Vector,
 ) -> OptimisedStep:
     delta_q = np.clip(y[:-1], low, high)
-    theta = float(min(max(y[-1], 0.0), 1.0))
+    theta = 0.0 if y[-1] < _NOTHING else float(min(y[-1], 1.0))
     gave_way, words = GaveWay.NOTHING, []
     left = np.abs(approximate[1] - approximate[0] @ delta_q)
     if left.size and left.max() > error_bound + 1e-9:
