@@ -23,6 +23,7 @@ from canipulator.outcome import (
 from config.errors import ConfigError
 from config.kinematic import KinematicScenario
 from config.load import dump_scenario
+from logs.configuration_map import save_map
 from logs.dexterity import Dexterity
 from logs.events import EventLog
 from logs.kinematic_recorder import record_kinematic
@@ -60,6 +61,8 @@ def run_kinematic(scenario: KinematicScenario, options: RunOptions) -> Outcome:
     for event in recorded.events:
         log.write(event)
     log.close()
+    for plane in recorded.maps:
+        save_map(plane, directory / f"{plane.name}.png")
     fault = None
     if options.record:
         info = RunInfo(

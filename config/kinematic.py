@@ -22,7 +22,8 @@ class LegTable(Table):
 
 
 class OptimisationTable(Table):
-    """Weights and switches of the constraint optimisation. `enabled = false`: the closed form alone, limited by nothing."""
+    """Weights and switches of the constraint optimisation. `enabled = false`: the closed form alone, limited by nothing.
+    `switching = false`: the optimisation in every cycle, not only where the closed form breaks a bound."""
 
     enabled: bool = True
     alpha: Positive = 1.0
@@ -30,6 +31,7 @@ class OptimisationTable(Table):
     gamma: Positive = 1.0
     iterations: Annotated[int, Field(ge=1, le=10)] = 2
     error_bound_rad: Positive | None = None
+    switching: bool = True
 
 
 class WristSingularityTable(Table):
@@ -51,6 +53,25 @@ class WristSingularityTable(Table):
         return self
 
 
+class SemiAlgorithmicTable(Table):
+    """Park's test case: a planar arm draws a circle while its redundancy follows the largest and the smallest manipulability.
+
+    The TCP begins at the point of the circle with the smallest x and goes round once in `lap_s`. `start_…_deg` (3,): near the optima to
+    begin from. `gain` of the velocity QP's null-space motion, which takes `steps_per_cycle` steps in each cycle.
+    `limits = false`: without joint limits.
+    """
+
+    type: Literal["semi-algorithmic"]
+    centre_m: tuple[Finite, Finite]
+    radius_m: Positive
+    lap_s: Positive = 1.0
+    start_maximise_deg: Vector3
+    start_minimise_deg: Vector3
+    gain: Positive = 50.0
+    steps_per_cycle: Annotated[int, Field(ge=1, le=100)] = 5
+    limits: bool = True
+
+
 class KinematicScenario(Table):
     """A whole scenario file of this kind; what [experiment] takes is up to the experiment, see `KINEMATIC_SCENARIOS`."""
 
@@ -70,8 +91,15 @@ class WristSingularityScenario(KinematicScenario):
     experiment: WristSingularityTable
 
 
+class SemiAlgorithmicScenario(KinematicScenario):
+    """`experiment.type = "semi-algorithmic"`."""
+
+    experiment: SemiAlgorithmicTable
+
+
 KINEMATIC_SCENARIOS: dict[str, type[KinematicScenario]] = {
     "wrist-singularity": WristSingularityScenario,
+    "semi-algorithmic": SemiAlgorithmicScenario,
 }
 """By `experiment.type`: the model of the whole file."""
 

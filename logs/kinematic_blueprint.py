@@ -9,6 +9,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from logs.blueprint import TIMELINE
+from logs.configuration_map import ConfigurationMap
+from logs.map_recorder import map_view
 from logs.traces import Plot
 from stack.messages import Vector
 
@@ -16,9 +18,15 @@ TRAILS = "world/trail"
 
 
 def kinematic_blueprint(
-    robot: str, plots: Sequence[tuple[str, Plot]], lanes: Sequence[str], low: Vector, high: Vector
+    robot: str,
+    plots: Sequence[tuple[str, Plot]],
+    lanes: Sequence[str],
+    low: Vector,
+    high: Vector,
+    maps: Sequence[tuple[str, ConfigurationMap]] = (),
 ) -> rrb.Blueprint:
-    """plots: (entity path, plot) in the order of reading; low, high (3,): corners of what the eye shall see."""
+    """plots: (entity path, plot) in the order of reading; low, high (3,): corners of what the eye shall see; maps: (entity path,
+    map), each a column of the overview."""
     overview = [_plot(path, plot) for path, plot in plots if plot.tab is None]
     half = (len(overview) + 1) // 2
     left = rrb.Vertical(
@@ -30,11 +38,13 @@ def kinematic_blueprint(
             columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]),
             rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
         ),
-        row_shares=[5, 1.3, 1.6],
+        row_shares=[5, max(1.3, 0.5 * len(lanes)), 1.6],
     )
-    columns = [rrb.Vertical(*part) for part in (overview[:half], overview[half:]) if part]
+    columns: list[rrb.Vertical | rrb.Spatial2DView] = [map_view(plane, path) for path, plane in maps]
+    columns += [rrb.Vertical(*part) for part in (overview[:half], overview[half:]) if part]
+    shares = [1.7] * len(maps) + [1.0] * (len(columns) - len(maps))
     tabs: list[rrb.Horizontal | rrb.Grid] = [
-        rrb.Horizontal(left, *columns, column_shares=[1.25, *[1.0] * len(columns)], name="Overview")
+        rrb.Horizontal(left, *columns, column_shares=[1.25, *shares], name="Overview")
     ]
     for name in dict.fromkeys(plot.tab for _, plot in plots if plot.tab is not None):
         views = [_plot(path, plot) for path, plot in plots if plot.tab == name]
@@ -60,8 +70,8 @@ def _plot(path: str, plot: Plot) -> rrb.TimeSeriesView:
 
 
 def _scene(robot: str, low: Vector, high: Vector) -> rrb.Spatial3DView:
-    target = 0.5 * (low + high)
-    distance = 0.8 * float(np.linalg.norm(high - low)) + 0.3
+    target = low + [0.5, 0.5, 0.58] * (high - low)
+    distance = 0.95 * float(np.linalg.norm(high - low)) + 0.3
     eye = target + distance * np.array([0.62, -0.62, 0.42])
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)

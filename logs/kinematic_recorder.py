@@ -15,6 +15,7 @@ from logs import palette
 from logs.blueprint import TIMELINE
 from logs.kinematic_blueprint import TRAILS, kinematic_blueprint
 from logs.kinematic_plots import TRACE_COLORS, joint_plots
+from logs.map_recorder import log_map, send_places
 from logs.optimise import optimise
 from logs.recorder import APPLICATION, RunInfo, run_properties
 from logs.signals import Decimation, Ints, StateChange
@@ -50,7 +51,8 @@ class _Recording:
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
         lanes = list(dict.fromkeys(change.lane for change in recorded.states))
         low, high = self._extent()
-        layout = kinematic_blueprint(self._arm.name, self._plots, lanes, low, high)
+        self._maps = [(f"maps/{plane.name}", plane) for plane in recorded.maps]
+        layout = kinematic_blueprint(self._arm.name, self._plots, lanes, low, high, self._maps)
         self._stream.set_sinks(rr.FileSink(path), default_blueprint=layout)
 
     def write(self) -> None:
@@ -64,6 +66,9 @@ class _Recording:
         self._tools()
         for path, plot in self._plots:
             self._plot(path, plot)
+        for path, plane in self._maps:
+            times = np.unique(np.concatenate([self._due(trace)[0] for trace in self._recorded.traces]))
+            send_places(plane, path, times, self._send)
         self._states(self._recorded.states)
         self._events()
         self._stream.flush(timeout_sec=_FLUSH_S)
@@ -89,6 +94,8 @@ class _Recording:
                 k = len(plot.limits)
                 style = rr.SeriesLines(names=[plot.limit_label] * k, colors=[palette.LIMIT] * k, widths=[1.0] * k)
                 stream.log(f"{path}/limits", style, static=True)
+        for path, plane in self._maps:
+            log_map(stream, path, plane)
         for lane in dict.fromkeys(change.lane for change in self._recorded.states):
             values = sorted({change.state for change in self._recorded.states if change.lane == lane})
             colors = [(*_state_color(value), 255) for value in values]

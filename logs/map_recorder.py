@@ -30,9 +30,9 @@ def log_map(stream: rr.RecordingStream, origin: str, plane: ConfigurationMap) ->
     for i, way in enumerate(plane.ways):
         _lines(stream, f"{origin}/ways/{i}", list(plane.pieces(way)), way.color, 1.8)
     for i, marks in enumerate(plane.marks):
-        dots = rr.Points2D(
-            _up(marks.points), colors=[marks.color], radii=[-5.5], labels=[marks.name.split(" ")[0]] * len(marks.points)
-        )
+        inside = (marks.points >= [left, low]).all(axis=1) & (marks.points <= [right, high]).all(axis=1)
+        labels = [marks.name.split(" ")[0]] * int(inside.sum())
+        dots = rr.Points2D(_up(marks.points[inside]), colors=[marks.color], radii=[-5.5], labels=labels)
         stream.log(f"{origin}/marks/{i}", dots, static=True)
     _ticks(stream, f"{origin}/ticks", plane)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from logs.configuration_map import ConfigurationMap
 from logs.events import Event
 from logs.palette import Color
 from logs.signals import StateChange
@@ -73,8 +74,9 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """One view of curves. `title` carries the unit in brackets and is unique; `limits`: horizontal lines, `limit_label` what they are; `span`: fixed y range.
+    """One view of curves.
 
+    `title` carries the unit in brackets and is unique; `limits`: horizontal lines, `limit_label` what they are; `span`: fixed y range;
     `tab` None: on the overview, else on the tab of that name.
     """
 
@@ -94,6 +96,7 @@ class Recorded:
     `robot`: name under config/robots. `traces`: the first is the one that is judged, the others stand beside it for comparison.
     `commanded` (k, 4, 4): TCP poses that the rows of the first trace should have; None where no pose is commanded.
     `method`, `coordination`: as in metrics.json. `metrics`: the experiment's own numbers beside the contract's.
+    `maps`: of two joints; each becomes `<name>.png` beside the recording and a view in it.
     `cycle_us` (k,): computing time of each cycle. `faults`: what went wrong, by name; empty for a run that went well.
     """
 
@@ -107,6 +110,7 @@ class Recorded:
     events: tuple[Event, ...] = ()
     metrics: Mapping[str, float | None] = field(default_factory=dict)
     cycle_us: Vector = field(default_factory=lambda: np.empty(0))
+    maps: tuple[ConfigurationMap, ...] = ()
     coordination: str = "arm-only"
     faults: tuple[str, ...] = ()
 

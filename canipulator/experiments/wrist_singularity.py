@@ -70,6 +70,7 @@ class WristSingularity:
             weights=Weights(alpha=settings.alpha, beta=settings.beta, gamma=settings.gamma),
             error_bound=np.inf if settings.error_bound_rad is None else settings.error_bound_rad,
             iterations=settings.iterations,
+            switching=settings.switching,
         )
 
     def run(self, on_progress: Progress, duration_s: float | None = None) -> Recorded:

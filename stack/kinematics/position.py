@@ -80,7 +80,7 @@ def solve_position(arm: ArmModel, T: ArrayLike, lift: float, phi: float) -> list
 def elbow_circle(arm: ArmModel, T: ArrayLike, lift: float) -> ElbowCircle | None:
     """The elbow's circle for a TCP pose and a lift (2.3–2.9), None if the pose is out of reach.
 
-    With D exactly above or below A no direction is the lowest; φ then counts from the base frame's x axis.
+    So is D on the tower axis, where no direction of the circle would be the lowest.
     """
     if not math.isfinite(lift):
         raise ValueError(f"lift is {lift}, expected a finite length in m")
@@ -90,8 +90,9 @@ def elbow_circle(arm: ArmModel, T: ArrayLike, lift: float) -> ElbowCircle | None
     if not abs(l1 - l2) < d < l1 + l2:
         return None
     r, h = math.hypot(wrist[0], wrist[1]), float(wrist[2])
-    out = np.array([wrist[0] / r, wrist[1] / r, 0.0]) if r > _NOTHING else np.array([1.0, 0.0, 0.0])
-    up = np.array([0.0, 0.0, 1.0])
+    if r < _NOTHING:
+        return None
+    out, up = np.array([wrist[0] / r, wrist[1] / r, 0.0]), np.array([0.0, 0.0, 1.0])
     p = (l1**2 + d**2 - l2**2) / (2.0 * d)
     rho = math.sqrt(max(l1**2 - p**2, 0.0))
     # C_z = (p h − ρ r cosφ)/d has to stay within ±|d4|, the shoulder's reach in height.

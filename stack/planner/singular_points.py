@@ -14,8 +14,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from stack.messages import Matrix, Vector
+from stack.planner.jacobian_derivative import Tensor
 from stack.planner.measures import Local, Measure
 from stack.planner.monitor import Kind, projected_curvature
+from stack.servo.compiled import compiled
 
 _STEP = 1e-6
 _SAME = 1e-6
@@ -61,10 +63,10 @@ class PlaneSearch:
         out = np.empty((3, second.size, first.size))
         for i, b in enumerate(second):
             for j, a in enumerate(first):
-                point = np.array([a, b])
-                local = self._local(point)
-                gradient, curvature, _ = self._optimality(point)
-                size = math.sqrt(max(float(np.linalg.det(local.jacobian @ local.jacobian.T)), 0.0))
+                local = self._local(np.array([a, b]))
+                size, gradient, curvature, _ = _oriented(
+                    local.jacobian, local.derivative, local.gradient, local.hessian
+                )
                 out[:, i, j] = local.value, size * gradient, curvature
         return out[0], out[1], out[2]
 
@@ -122,12 +124,8 @@ class PlaneSearch:
     def _optimality(self, point: Vector) -> tuple[float, float, Vector]:
         """z·h, its derivative along z, and the two components of z; z turned so that it is continuous: det [J; z] > 0."""
         local = self._local(point)
-        n = local.gradient.size
-        null, rows, _ = projected_curvature(
-            local.jacobian, local.derivative, local.gradient, local.hessian, np.zeros((0, n)), np.zeros((0, n, n))
-        )
-        sign = math.copysign(1.0, float(np.linalg.det(np.vstack((local.jacobian, null)))))
-        return sign * float(null[0] @ local.gradient), float(rows[0] @ null[0]), sign * null[0][list(self._joints)]
+        _, gradient, curvature, motion = _oriented(local.jacobian, local.derivative, local.gradient, local.hessian)
+        return gradient, curvature, motion[list(self._joints)]
 
     def _roots(self, residual: Callable[[Vector], Vector], cells: int) -> list[Vector]:
         """Distinct roots on the torus, by Gauss-Newton from a grid."""
@@ -148,6 +146,23 @@ class PlaneSearch:
             placed[column] = middle + _wrapped(placed[column : column + 1] - middle)[0]
             inside = inside and low - _SAME <= placed[column] <= high + _SAME
         return SingularPoint(kind, placed, bound, inside, regular)
+
+
+@compiled
+def _oriented(
+    jacobian: Matrix, derivative: Tensor, gradient: Vector, hessian: Matrix
+) -> tuple[float, float, float, Vector]:
+    """√det(J Jᵀ), z·h, its derivative along z, and z (n,) with det [J; z] > 0."""
+    n = gradient.shape[0]
+    null, rows, _ = projected_curvature(
+        jacobian, derivative, gradient, hessian, np.zeros((0, n)), np.zeros((0, n, n))
+    )
+    square = np.empty((n, n))
+    square[: n - 1] = jacobian
+    square[n - 1] = null[0]
+    size = np.linalg.det(square)  # z is normal to the rows of J and of length 1
+    sign = 1.0 if size >= 0.0 else -1.0
+    return abs(size), sign * (null[0] @ gradient), rows[0] @ null[0], sign * null[0]
 
 
 def _wrapped(angles: Vector) -> Vector:

@@ -64,12 +64,13 @@ def test_a_motion_and_its_inverse_cancel(position: np.ndarray, axis: np.ndarray,
     np.testing.assert_allclose(pose_inverse(pose) @ pose, np.eye(4), rtol=0, atol=1e-13)
 
 
-@given(vectors, vectors, directions, angles, directions, angles)
-def test_difference_leads_from_the_actual_to_the_target_pose(p: np.ndarray, r: np.ndarray, *turns: object) -> None:
-    target = pose_matrix(rotation_exp(turns[0] * turns[1]), p)
-    actual = pose_matrix(rotation_exp(turns[2] * turns[3]), r)
+poses = st.builds(lambda p, axis, angle: pose_matrix(rotation_exp(axis * angle), p), vectors, directions, angles)
+
+
+@given(poses, poses)
+def test_difference_leads_from_the_actual_to_the_target_pose(target: np.ndarray, actual: np.ndarray) -> None:
     way = pose_difference(target, actual)
-    np.testing.assert_allclose(actual[:3, 3] + way[:3], p, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(actual[:3, 3] + way[:3], target[:3, 3], rtol=0, atol=1e-13)
     np.testing.assert_allclose(rotation_exp(way[3:]) @ actual[:3, :3], target[:3, :3], rtol=0, atol=1e-13)
 
 

@@ -7,6 +7,7 @@ from hypothesis.extra import numpy as st_np
 
 from stack.kinematics import ArmModel
 from stack.kinematics.position import elbow_angle, elbow_circle, solve_position, within_limits
+from stack.kinematics.se3 import pose_exp
 
 ARM = ArmModel.load("moma8")
 fractions = st_np.arrays(np.float64, 8, elements=st.floats(0.001, 0.999))
@@ -53,7 +54,7 @@ def test_turning_about_the_tower_turns_the_solutions(q: np.ndarray, turn: float)
     pose, phi = ARM.pose(q), elbow_angle(ARM, q)
     wrist = ARM.points(q)["D"]
     assume(np.hypot(wrist[0], wrist[1]) > 0.01)
-    turned = ARM.pose(np.array([turn, *np.zeros(7)]))
+    turned = pose_exp([0, 0, 0, 0, 0, turn])
     first = solve_position(ARM, pose, q[1], phi)
     second = solve_position(ARM, turned @ pose, q[1], phi)
     for a, b in zip(first, second, strict=True):

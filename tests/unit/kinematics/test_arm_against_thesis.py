@@ -47,7 +47,12 @@ class TestVectors:
 
     def test_four_measures_of_freedom(self, moma8: ArmModel, case: dict) -> None:
         q = case["q"]
-        four = [extended_jacobian(moma8, q), extended_wrist_jacobian(moma8, q), moma8.jacobian(q), moma8.wrist_jacobian(q)]
+        four = [
+            extended_jacobian(moma8, q),
+            extended_wrist_jacobian(moma8, q),
+            moma8.jacobian(q),
+            moma8.wrist_jacobian(q),
+        ]
         np.testing.assert_allclose([manipulability(j) for j in four], case["metrics_4"], **EXACT)
 
 

@@ -68,7 +68,9 @@ def test_jacobian_is_the_derivative_of_the_pose(any_arm: ArmModel) -> None:
         np.testing.assert_allclose(any_arm.end_point_jacobian(q), turn @ any_arm.jacobian(q), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "joint", "k"), [("moma8", 6, 5), ("kr15", 4, 3), ("comau_racer7", 4, 3), ("iiwa14", 5, 4)])
+@pytest.mark.parametrize(
+    ("name", "joint", "k"), [("moma8", 6, 5), ("kr15", 4, 3), ("comau_racer7", 4, 3), ("iiwa14", 5, 4)]
+)
 def test_wrist_jacobian_is_the_derivative_of_the_wrist_centre(name: str, joint: int, k: int) -> None:
     arm = ArmModel.load(name)
     for q in configurations(arm, 5, seed=2):

@@ -84,14 +84,12 @@ def test_too_near_and_too_far_have_no_solution(moma8: ArmModel, distance: float)
     assert solve_position(moma8, pose, 0.75, 0.5) == []
 
 
-def test_wrist_centre_above_the_tower_has_solutions(moma8: ArmModel) -> None:
-    """No direction of the circle is the lowest there: φ counts from the x axis."""
+@pytest.mark.parametrize("height", [0.2, 0.32, 0.5])
+def test_wrist_centre_on_the_tower_axis_is_out_of_reach(moma8: ArmModel, height: float) -> None:
+    """The forearm is shorter than the offset AB, so D stays at least 43 mm off the axis."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = 0.75 + 0.25 + 0.33
-    solutions = solve_position(moma8, pose, 0.75, 0.7)
-    assert solutions
-    for q in solutions:
-        np.testing.assert_allclose(moma8.pose(q), pose, rtol=0, atol=1e-9)
+    pose[2, 3] = 0.75 - 0.33 + height
+    assert solve_position(moma8, pose, 0.75, 0.7) == []
 
 
 def test_coinciding_branches_come_once(moma8: ArmModel) -> None:
@@ -136,6 +134,8 @@ def test_nearest_finds_the_way_back_from_a_disturbed_configuration(moma8: ArmMod
     rng = np.random.default_rng(9)
     for _ in range(30):
         q = rng.uniform(moma8.q_min + 0.1, moma8.q_max - 0.1)
+        if min(abs(np.sin(q[[2, 4, 6]]))) < 0.1:
+            continue  # two branches meet there: either may be the nearer
         solutions = solve_position(moma8, moma8.pose(q), q[1], elbow_angle(moma8, q))
         np.testing.assert_allclose(nearest(moma8, solutions, q + rng.normal(0, 0.01, 8)), q, rtol=0, atol=1e-6)
 

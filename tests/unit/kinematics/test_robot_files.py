@@ -115,5 +115,5 @@ def test_errors_in_a_robot_file_name_file_and_key(tmp_path: Path, old: str, new:
 
 def test_a_robot_file_that_does_not_fit_its_urdf_is_refused(tmp_path: Path) -> None:
     spec = read_robot_file(change(tmp_path, 'name = "wrist_pan"', 'name = "wrist_roll"'))
-    with pytest.raises(ValueError, match="differ from robot.toml"):
+    with pytest.raises(ValueError, match=r"differ from robot\.toml"):
         ArmModel(spec, MOMA8)
