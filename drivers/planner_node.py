@@ -6,6 +6,7 @@ points are on the wire before SYNC k + 1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -23,11 +24,12 @@ from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from drivers.planner_objects import PlannerObjects
 from drivers.publisher import Publisher, receive
-from stack.kinematics.se3 import rotation_log
-from stack.messages import Mode, PlannerPhase, PlannerState as StateMessage
+from stack.messages import Mode, PlannerPhase, TrackedPose
+from stack.messages import PlannerState as StateMessage
 from stack.planner.drift import DriftEstimate
 from stack.planner.parameters import PlannerParameters
 from stack.planner.planner import Planner, PlannerInputs, PlannerOutputs, PlannerState
+from stack.planner.tracking import rotation_vector
 
 WHEELS = 2
 MISSION_TIMEOUT_NS = 150_000_000
@@ -80,6 +82,7 @@ class PlannerNode(NodeApplication):
         self._commanded = self._followed = 0.0
         settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns)
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, on_event=self._on_drive_event)
+        self._targets, self._efforts = np.zeros(len(drives)), np.zeros(len(drives))
         self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
         for can_id in sorted(self.master.can_ids):
             self.node.subscribe(can_id, self._on_answer if can_id in self._feedback_ids else self.master.on_frame)
@@ -154,7 +157,7 @@ class PlannerNode(NodeApplication):
     def _progress(self, outputs: PlannerOutputs) -> None:
         """Commanded way and what of it was let through (path scale), for `path_progress`."""
         if self.phase is PlannerPhase.EXECUTING:
-            way = float(np.linalg.norm(self._state.command.twist[:3]))
+            way = math.hypot(*self._state.command.twist[:3].tolist())
             self._commanded += way
             self._followed += way * outputs.arm.scale
 
@@ -165,28 +168,27 @@ class PlannerNode(NodeApplication):
 
     def _inputs(self, parameters: PlannerParameters) -> PlannerInputs:
         """What this cycle has: positions of this SYNC only, twist while it is fresh, a tracked pose once."""
-        axes = self.master.axes
-        wheels = axes[:WHEELS]
-        joints = axes[WHEELS:]
-        fresh = all(axis.statusword is not None and axis.received_ns >= self._sync_ns for axis in joints)
-        rolling = all(axis.statusword is not None and axis.received_ns >= self._sync_ns for axis in wheels)
+        sync_ns = self._sync_ns
+        positions = [
+            axis.position_raw * axis.position_scale
+            if axis.received_ns >= sync_ns and axis.statusword is not None
+            else None
+            for axis in self.master.axes
+        ]
+        left, right, *joints = positions
         twist = self._twist.fresh(parameters.twist_timeout_ns)
         return PlannerInputs(
             t_ns=self._sync_ns,
             mode=self._mode(),
-            q=np.array([axis.position_raw * axis.position_scale for axis in joints]) if fresh else None,
-            wheels=(
-                (wheels[0].position_raw * wheels[0].position_scale, wheels[1].position_raw * wheels[1].position_scale)
-                if rolling
-                else None
-            ),
+            q=None if None in joints else np.array(joints),
+            wheels=None if left is None or right is None else (left, right),
             twist=None if twist is None else twist.twist,
             tracked=self._aged(),
         )
 
-    def _aged(self):  # type: ignore[no-untyped-def]
+    def _aged(self) -> TrackedPose | None:
         """A tracked pose that came since the last cycle; its age is counted to this cycle's SYNC."""
-        tracked = self._tracked.take()
+        tracked: TrackedPose | None = self._tracked.take()
         if tracked is None:
             return None
         return replace(tracked, age_ns=tracked.age_ns + self._sync_ns - self._tracked.received_ns)
@@ -232,8 +234,9 @@ class PlannerNode(NodeApplication):
         return PlannerPhase.READY
 
     def _send(self, outputs: PlannerOutputs) -> None:
-        targets = np.concatenate((outputs.wheels, outputs.q))
-        self.master.send_targets(targets, np.concatenate((np.zeros(WHEELS), outputs.effort)))
+        self._targets[:WHEELS], self._targets[WHEELS:] = outputs.wheels, outputs.q
+        self._efforts[WHEELS:] = outputs.effort
+        self.master.send_targets(self._targets, self._efforts)
         counter = self._sync_count & 0xFF
         self._state_out.publish(
             StateMessage(self.phase, int(outputs.arm.status), outputs.restrictions, outputs.arm.scale, counter)
@@ -241,7 +244,7 @@ class PlannerNode(NodeApplication):
         pose = outputs.X_RE if outputs.X_RE is not None else outputs.T_RE
         self._reference_out.publish(
             ReferencePose(
-                pose[:3, 3], rotation_log(pose[:3, :3]), outputs.X_RE is not None, self._sync_count, counter
+                pose[:3, 3], rotation_vector(pose), outputs.X_RE is not None, self._sync_count, counter
             )
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -71,8 +71,8 @@ class PlannerObjects:
         bind(table.NULL_SPACE_MOTION, sink=lambda value: self._change(null_space_motion=bool(value)))
         bind(table.JOINT_LIMIT_RULES, sink=lambda value: self._change(joint_limit_rules=bool(value)))
 
-    def _change(self, **fields: object) -> None:
-        self.parameters = replace(self.parameters, **fields)  # type: ignore[arg-type]
+    def _change(self, **fields: Any) -> None:
+        self.parameters = replace(self.parameters, **fields)
 
     def _bind_preferences(self) -> None:
         for index, name in _ARRAYS.items():
@@ -85,30 +85,33 @@ class PlannerObjects:
         def write(value: Value) -> None:
             array: Vector = getattr(self.parameters.preferences, name).copy()
             array[i] = float(value)
-            self._change(preferences=replace(self.parameters.preferences, **{name: array}))
+            self._prefer(name, array)
 
         return write
 
     def _scalar(self, name: str) -> Callable[[Value], None]:
-        return lambda value: self._change(preferences=replace(self.parameters.preferences, **{name: float(value)}))
+        return lambda value: self._prefer(name, float(value))
+
+    def _prefer(self, name: str, value: Vector | float) -> None:
+        changed: dict[str, Any] = {name: value}
+        self._change(preferences=replace(self.parameters.preferences, **changed))
 
     def _bind_reports(self, joints: int) -> None:
-        bind = self._dictionary.bind
-        bind(table.PHASE, source=lambda: int(self._reported().phase))
+        self._dictionary.bind(table.PHASE, source=lambda: int(self._reported().phase))
         for i in range(joints):
-            bind(table.CONFIGURATION, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.q[i]))
+            self._show(table.CONFIGURATION, i + 1, lambda o, i=i: o.q[i])
         for i in range(3):
-            bind(table.TCP_POSITION, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.T_RE[i, 3]))
-            bind(
-                table.TCP_ROTATION_VECTOR,
-                i + 1,
-                source=lambda i=i: self._of_outputs(lambda o: rotation_log(o.T_RE[:3, :3])[i]),
-            )
+            self._show(table.TCP_POSITION, i + 1, lambda o, i=i: o.T_RE[i, 3])
+            self._show(table.TCP_ROTATION_VECTOR, i + 1, lambda o, i=i: rotation_log(o.T_RE[:3, :3])[i])
         for i in range(6):
-            bind(table.SINGULAR_VALUES, i + 1, source=lambda i=i: self._of_outputs(lambda o: o.arm.sigma[i]))
-        bind(table.MANIPULABILITY, 1, source=lambda: self._of_outputs(lambda o: np.prod(o.arm.sigma)))
+            self._show(table.SINGULAR_VALUES, i + 1, lambda o, i=i: o.arm.sigma[i])
+        self._show(table.MANIPULABILITY, 1, lambda o: np.prod(o.arm.sigma))
 
-    def _of_outputs(self, read: Callable[[PlannerOutputs], float]) -> float:
-        """A number of the last cycle, 0 before the first one."""
-        outputs = self._reported().outputs
-        return 0.0 if outputs is None else float(read(outputs))
+    def _show(self, index: int, subindex: int, read: Callable[[PlannerOutputs], Any]) -> None:
+        """Shows a number of the last cycle, 0 before the first one."""
+
+        def source() -> float:
+            outputs = self._reported().outputs
+            return 0.0 if outputs is None else float(read(outputs))
+
+        self._dictionary.bind(index, subindex, source=source)

@@ -14,7 +14,6 @@ from drivers.objects import DeviceDef
 from drivers.publisher import Publisher
 from stack.messages import TrackedPose, Vector, Wrench
 
-
 AFTER_PHYSICS = 5
 """Clock priority of whatever looks at the world: after the tick of the same instant."""
 

@@ -80,21 +80,23 @@ class WristSingularity:
         closed = self._closed_form(cycles)
         if not self._scenario.experiment.optimisation.enabled:
             return self._record(_Way.of_closed_form(closed, self._path, cycle_s), closed, "closed-form")
-        way = _Way(self._arm.pose(self._start), self._start)
-        follow(
-            self._arm, self._task, self._start, way.dq[0], way.goal[0], way.goal[0]
-        )  # compiled before the clock runs
-        moved_s = 0.0
+        way, moved_s = _Way(self._path.pose(0.0), self._start), 0.0
+        self._follow(way, moved_s)  # compiled before the clock runs
         for k in range(cycles):
             began = time.perf_counter_ns()
-            step = follow(
-                self._arm, self._task, way.q[-1], way.dq[-1], way.goal[-1], self._path.pose(moved_s + cycle_s)
-            )
+            step = self._follow(way, moved_s)
+            way.add(step, 1e-3 * (time.perf_counter_ns() - began))
             moved_s += cycle_s * (1.0 - step.time_scaling)
-            way.add(step, self._path.pose(moved_s), 1e-3 * (time.perf_counter_ns() - began))
             if k % _PROGRESS_CYCLES == 0:
                 on_progress(k * cycle_s)
         return self._record(way, closed, "qp")
+
+    def _follow(self, way: _Way, moved_s: float) -> SplitStep:
+        """The next cycle, at the path's own time `moved_s`."""
+        cycle_s = self._scenario.cycle_s
+        return follow(
+            self._arm, self._task, way.q[-1], way.dq[-1], lambda share: self._path.pose(moved_s + share * cycle_s)
+        )
 
     def _closed_form(self, cycles: int) -> Array:
         """(cycles + 1, 6): the way in closed form, nearest branch, limited by nothing."""
@@ -160,11 +162,11 @@ class _Way:
         way.gave_way = [GaveWay.NOTHING] * len(closed)
         return way
 
-    def add(self, step: SplitStep, goal: Matrix, cycle_us: float) -> None:
-        """One cycle; `goal`: the path's own pose, which the step's is equal to but for what a chord leaves out while ϑ > 0."""
+    def add(self, step: SplitStep, cycle_us: float) -> None:
+        """One cycle."""
         self.q.append(step.q)
         self.dq.append(step.dq)
-        self.goal.append(goal)
+        self.goal.append(step.goal)
         self.theta.append(step.time_scaling)
         self.optimised.append(step.optimised)
         self.status.append(step.status.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -45,16 +46,14 @@ class CyclicData:
 
     def send_targets(self, targets: Vector, torque_offsets: Vector) -> None:
         """See `DriveMaster.send_targets`."""
-        raw = targets * self._per_target
-        offsets = torque_offsets * self._per_effort
-        if not np.isfinite(raw + offsets).all():
+        raw_targets: list[float] = (targets * self._per_target).tolist()
+        raw_offsets: list[float] = (torque_offsets * self._per_effort).tolist()
+        if not math.isfinite(sum(raw_targets) + sum(raw_offsets)):
             self._refuse(targets, torque_offsets)
-        raw_targets = np.rint(np.clip(raw, LOW, HIGH)).astype(np.int64).tolist()
-        raw_offsets = np.rint(np.clip(offsets, OFFSET_LOW, OFFSET_HIGH)).astype(np.int64).tolist()
         for axis, target, offset in zip(self._axes, raw_targets, raw_offsets, strict=True):
-            axis.offset_raw = offset
+            axis.offset_raw = round(min(max(offset, OFFSET_LOW), OFFSET_HIGH))
             if axis.follows_planner:
-                axis.target_raw = target
+                axis.target_raw = round(min(max(target, LOW), HIGH))
                 self.send_command(axis)
 
     def send_command(self, axis: AxisClient) -> None:

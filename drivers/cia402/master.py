@@ -98,7 +98,7 @@ class DriveMaster:
     @property
     def phase(self) -> MasterPhase:
         """Where the set of axes is: the most urgent phase of any axis (see `phase_of`)."""
-        return phase_of({axis.phase for axis in self.axes}) if self._started else MasterPhase.OFF
+        return phase_of([axis.phase for axis in self.axes]) if self._started else MasterPhase.OFF
 
     def start(self) -> None:
         """Waits for every drive, sets it up, starts it: BOOT, CONFIGURE, READY. Only the first call counts."""

@@ -13,15 +13,13 @@ from drivers.cia402.states import State
 from drivers.clock import Clock
 from drivers.frame import Frame
 
-SUPERVISED = frozenset(
-    {
-        AxisPhase.READY,
-        AxisPhase.ENABLING,
-        AxisPhase.ENABLED,
-        AxisPhase.STOPPING,
-        AxisPhase.STOPPED,
-        AxisPhase.DISABLING,
-    }
+SUPERVISED = (
+    AxisPhase.ENABLED,
+    AxisPhase.READY,
+    AxisPhase.ENABLING,
+    AxisPhase.STOPPING,
+    AxisPhase.STOPPED,
+    AxisPhase.DISABLING,
 )
 """Phases in which a drive is expected to be operational and to answer every SYNC."""
 

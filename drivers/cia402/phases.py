@@ -57,8 +57,10 @@ _PRECEDENCE = (
 )
 
 
-def phase_of(axes: set[AxisPhase]) -> MasterPhase:
+def phase_of(axes: list[AxisPhase]) -> MasterPhase:
     """The phase of a set of axes: the most urgent one that any of them is in; READY when all are."""
+    if axes.count(axes[0]) == len(axes):
+        axes = axes[:1]
     for axis_phase, master_phase in _PRECEDENCE:
         if axis_phase in axes:
             return master_phase

@@ -14,15 +14,19 @@ from numpy.typing import NDArray
 from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
 from stack.messages import Restriction, Vector
+from stack.planner.avoidance import Zones, circumvent, repulsion, zones
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
 from stack.planner.preferences import preferred_velocity
-from stack.planner.problem import Matrix, Problem, Status
+from stack.planner.problem import Matrix, Problem, Solution, Status
 from stack.planner.resolvers import RESOLVERS
 from stack.planner.resolvers.extended import extended_step
 from stack.planner.resolvers.rule_base import resolve_within_limits
-from stack.planner.resolvers.step import arm_step, limit_table
+from stack.planner.resolvers.step import Step, arm_step, limit_table
+from stack.planner.resolvers.wished_step import wished_step
+from stack.planner.singularities import manifold_margins
+from stack.servo.compiled import compiled
 
 RECOVERY_RATE = 2.0
 _NO_ROWS_8, _NO_ROWS_10, _NO_VALUES = np.zeros((0, 8)), np.zeros((0, 10)), np.zeros(0)
@@ -52,11 +56,32 @@ class PlatformCommand:
     restrictions: Restriction = Restriction.NONE
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Avoiding:
+    """Zones of circumvention at the arm's configuration and the push (n,) of repulsion."""
+
+    zones: Zones
+    push: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Named:
+    """A resolver's answer and the joints that the rule base limits."""
+
+    solution: Solution
+    limited: NDArray[np.bool_]
+
+    @property
+    def dq(self) -> Vector:
+        return self.solution.dq
+
+
 class Coordinator:
     """The two cycles for one robot. Holds tables that follow from the parameters, nothing that changes with time."""
 
     def __init__(self, arm: ArmModel, limits: Limits, base: Vector) -> None:
         self.n = arm.n
+        self.arm = arm
         self.base = base
         self.limits = limits
         self.arm_table = limit_table(limits.q_min, limits.q_max, limits.padding, limits.dq_max)
@@ -88,6 +113,7 @@ class Coordinator:
             parameters.arm_period_s,
         )
         jacobian = model.end_point_jacobian
+        avoiding = self._avoidance(model.q, window, parameters)
         if parameters.method is not Method.PNS:
             z = self._wishes(model.q, window, parameters)
             weights = preferences.weights[: self.n]
@@ -96,17 +122,24 @@ class Coordinator:
             top = limits.dq_max
             bounds = (lower, upper) if exact else (-top, top)
             table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
-            named = self._by_name(parameters, jacobian, twist, weights, z, bounds, model.q, table)
+            named = self._by_name(parameters, jacobian, twist, weights, z, bounds, model.q, table, avoiding)
             return named if exact else _clipped(named, lower, upper)
         table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
-        wishes = np.array([preferences.preferred, preferences.heights, preferences.widths])
-        step = arm_step(
-            jacobian, twist, model.q, wishes, window if parameters.null_space_motion else 0.0,
-            np.diag(preferences.weights[: self.n]), table, _NO_ROWS_8[:, : self.n], _NO_VALUES, parameters.epsilon,
-        )  # fmt: skip
-        restrictions = _of_joints(step.limited) | _of_status(step.status)
-        if step.scale < 1.0:
-            restrictions |= Restriction.VELOCITY
+        around: tuple[str, ...] = ()
+        if avoiding is None:
+            step = arm_step(
+                jacobian, twist, model.q, preferences.wishes, window if parameters.null_space_motion else 0.0,
+                preferences.arm_weight, table, _NO_ROWS_8[:, : self.n], _NO_VALUES, parameters.epsilon,
+            )  # fmt: skip
+        else:
+            z = self._wishes(model.q, window, parameters) + avoiding.push
+            weight, epsilon = preferences.arm_weight, parameters.epsilon
+
+            def within(rows: Matrix, values: Vector) -> Step:
+                return wished_step(jacobian, twist, model.q, z, weight, table, rows, values, epsilon)
+
+            step, around = circumvent(within, avoiding.zones, self.n, self.n - _TASK)
+        restrictions = _restrictions(step.limited, step.status, step.scale) | _of_circumvention(around)
         command = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         return _clipped(command, lower, upper)
 
@@ -124,25 +157,47 @@ class Coordinator:
         columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
         z = np.append(self._wishes(model.q, window, parameters), self._platform_wish(model, slow_twist, parameters))
         q = np.append(model.q, (0.0, 0.0))
+        avoiding = self._avoidance(model.q, window, parameters)
         if parameters.method is Method.PNS:
             table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
-            step = extended_step(
-                model.end_point_jacobian, columns, twist, q, z, np.diag(parameters.preferences.weights), table,
-                _NO_ROWS_10[:, : n + 2], _NO_VALUES, parameters.epsilon,
-            )  # fmt: skip
-            restrictions = _of_joints(step.limited[:n]) | _of_status(step.status)
+            if avoiding is not None:
+                z[:n] += avoiding.push
+
+            def within(rows: Matrix, values: Vector) -> Step:
+                return extended_step(
+                    model.end_point_jacobian, columns, twist, q, z, parameters.preferences.robot_weight, table,
+                    rows, values, parameters.epsilon,
+                )  # fmt: skip
+
+            around: tuple[str, ...] = ()
+            if avoiding is None:
+                step = within(_NO_ROWS_10[:, : n + 2], _NO_VALUES)
+            else:
+                step, around = circumvent(within, avoiding.zones, n + 2, n + 2 - _TASK)
+            restrictions = _restrictions(step.limited[:n], step.status) | _of_circumvention(around)
             whole = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         else:
             extended = np.hstack((model.end_point_jacobian, columns))
             table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
             bounds = (table[5], table[6])
-            whole = self._by_name(parameters, extended, twist, parameters.preferences.weights, z, bounds, q, table)
+            weights = parameters.preferences.weights
+            whole = self._by_name(parameters, extended, twist, weights, z, bounds, q, table, avoiding)
         wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
         unified = parameters.coordination is Coordination.UNIFIED
         period = parameters.arm_period_s if unified else parameters.platform_period_s
         command = accelerated(wanted, rate, limits, period)
         arm = ArmCommand(whole.dq[:n].copy(), whole.scale, whole.status, whole.restrictions, whole.sigma)
         return arm, command
+
+    def _avoidance(self, q: Vector, window: float, parameters: PlannerParameters) -> _Avoiding | None:
+        """What keeps the arm away from its singular manifolds; None with both switched off. 0.12 ms where one is on."""
+        if not (parameters.repulsion or parameters.circumvention):
+            return None
+        margins = manifold_margins(self.arm, q)
+        push = np.zeros(self.n)
+        if parameters.repulsion and parameters.null_space_motion:
+            push = window * repulsion(margins, parameters.avoidance)
+        return _Avoiding(zones(margins if parameters.circumvention else {}, parameters.avoidance), push)
 
     def _wishes(self, q: Vector, window: float, parameters: PlannerParameters) -> Vector:
         if not parameters.null_space_motion:
@@ -175,25 +230,35 @@ class Coordinator:
         bounds: tuple[Vector, Vector],
         q: Vector,
         table: Matrix,
+        avoiding: _Avoiding | None,
     ) -> ArmCommand:
         """Any other method: the rule base around it, velocity bounds inside it."""
-        solution, limited = resolve_within_limits(
-            RESOLVERS[parameters.method.name.lower()],
-            Problem(jacobian, twist, B=weights, z=z, lower=bounds[0], upper=bounds[1], epsilon=parameters.epsilon),
-            q,
-            table,
-        )
-        restrictions = _of_joints(limited[: self.n]) | _of_status(solution.status)
-        if solution.scale < 1.0:
-            restrictions |= Restriction.VELOCITY
+        resolver, width, epsilon = RESOLVERS[parameters.method.name.lower()], z.size, parameters.epsilon
+        if avoiding is not None:
+            z = z + np.append(avoiding.push, np.zeros(width - self.n))
+
+        def within(rows: Matrix, values: Vector) -> _Named:
+            problem = Problem(
+                jacobian, twist, B=weights, z=z, A=rows, b=values, lower=bounds[0], upper=bounds[1], epsilon=epsilon
+            )
+            return _Named(*resolve_within_limits(resolver, problem, q, table))
+
+        around: tuple[str, ...] = ()
+        if avoiding is None:
+            named = within(np.zeros((0, width)), _NO_VALUES)
+        else:
+            named, around = circumvent(within, avoiding.zones, width, width - _TASK)
+        solution = named.solution
+        restrictions = _restrictions(named.limited[: self.n], solution.status, solution.scale)
+        restrictions |= _of_circumvention(around)
         return ArmCommand(solution.dq, solution.scale, solution.status, restrictions, solution.sigma)
 
 
 def _clipped(command: ArmCommand, lower: Vector, upper: Vector) -> ArmCommand:
     """Accelerations are limited joint by joint and last: the path loop works off what that costs, while slowing the path for it
     would also slow what compensates the platform."""
-    dq = np.minimum(np.maximum(command.dq, lower), upper)
-    if np.abs(dq - command.dq).max() <= 1e-6:
+    dq, worst = within_bounds(command.dq, lower, upper)
+    if worst <= 1e-6:
         return command
     return replace(command, dq=dq, restrictions=command.restrictions | Restriction.ACCELERATION)
 
@@ -225,21 +290,34 @@ def _wrapped(angle: float) -> float:
     return math.remainder(angle, 2.0 * math.pi)
 
 
-def _of_joints(limited: NDArray[np.bool_]) -> Restriction:
-    bits = 0
-    for i in np.flatnonzero(limited):
-        bits |= 1 << int(i)
+@compiled
+def within_bounds(dq: Vector, lower: Vector, upper: Vector) -> tuple[Vector, float]:
+    """dq (n,) clipped joint by joint, and the most that this changed of any of them."""
+    clipped = np.empty(dq.shape[0])
+    worst = 0.0
+    for i in range(dq.shape[0]):
+        clipped[i] = min(max(dq[i], lower[i]), upper[i])
+        worst = max(worst, abs(clipped[i] - dq[i]))
+    return clipped, worst
+
+
+def _restrictions(limited: NDArray[np.bool_], status: int, scale: float = 1.0) -> Restriction:
+    """Joints that the rule base limits, what became of the task, and whether the path was slowed down."""
+    bits = _BITS_OF_STATUS.get(status, 0) | (int(Restriction.VELOCITY) if scale < 1.0 else 0)
+    for i, is_limited in enumerate(limited.tolist()):
+        bits |= is_limited << i
     return Restriction(bits)
 
 
-def _of_status(status: int) -> Restriction:
-    return _RESTRICTION_OF.get(status, Restriction.NONE)
+def _of_circumvention(around: tuple[str, ...]) -> Restriction:
+    return Restriction.SINGULARITY if around else Restriction.NONE
 
 
-_RESTRICTION_OF = {
-    int(Status.SINGULAR): Restriction.SINGULARITY,
-    int(Status.DEGRADED): Restriction.DEGRADED,
-    int(Status.INFEASIBLE): Restriction.INFEASIBLE,
+_TASK = 6
+_BITS_OF_STATUS = {
+    int(Status.SINGULAR): int(Restriction.SINGULARITY),
+    int(Status.DEGRADED): int(Restriction.DEGRADED),
+    int(Status.INFEASIBLE): int(Restriction.INFEASIBLE),
 }
 _STANDSTILL = 1e-3
 _FULL_SPEED = 0.05

@@ -27,7 +27,7 @@ class DriftEstimate:
 
     def believing(self, t_ns: int, T_OE: Matrix) -> DriftEstimate:
         """With the belief of `t_ns` remembered."""
-        return replace(self, beliefs=(*self.beliefs[1 - _HISTORY :], (t_ns, T_OE)))
+        return DriftEstimate(self.T_RO, self.count, (*self.beliefs[1 - _HISTORY :], (t_ns, T_OE)))
 
     def measured_by(self, tracked: TrackedPose, t_ns: int, gain: float) -> DriftEstimate:
         """With a measurement taken in that was received at `t_ns`, `age_ns` old. One that is older than memory changes nothing.

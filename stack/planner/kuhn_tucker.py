@@ -118,21 +118,13 @@ class KuhnTuckerTracker:
         after = self._solve(q, path.position(target), active)
         if after is None or not self._optimal(after, active):
             return self._narrowed(t, q, active, path, target)
-        before_g, after_g = self._violation(q), self._violation(after)
-        reached = [i for i in np.flatnonzero(after_g > 0.0).tolist() if i not in active]
+        reached = [i for i in np.flatnonzero(self._violation(after) > 0.0).tolist() if i not in active]
         left = [i for i in active if self._direction * self._pressure(after, active)[i] < 0.0]
         if not reached and not left:
             return None
-        found = []
-        for i in reached:
-            found.append((self._when(t, q, active, path, target, lambda x, i=i: self._violation(x)[i], before_g[i]), i))
-        for i in left:
-            pressed = self._direction * self._pressure(q, active)[i]
-            when = self._when(
-                t, q, active, path, target, lambda x, i=i: -self._direction * self._pressure(x, active)[i], -pressed
-            )
-            found.append((when, i))
-        when, i = min(found)
+        when, i = min(
+            (self._when(t, q, active, path, target, self._crossing(i, active)), i) for i in (*reached, *left)
+        )
         there = self._solve(q, path.position(when), active)
         there = q if there is None else there
         if i in reached:
@@ -158,6 +150,12 @@ class KuhnTuckerTracker:
                 bad = middle
         return Event(good, last, Change.STOPPED, self._kind(last, nearest=True), -1)
 
+    def _crossing(self, limit: int, active: Active) -> Callable[[Vector], float]:
+        """What turns positive where an inactive limit is reached, or where an active one is left."""
+        if limit in active:
+            return lambda q: -self._direction * self._pressure(q, active)[limit]
+        return lambda q: float(self._violation(q)[limit])
+
     def _when(
         self,
         t: float,
@@ -166,10 +164,9 @@ class KuhnTuckerTracker:
         path: Path,
         target: float,
         crossing: Callable[[Vector], float],
-        now: float,
     ) -> float:
         """The time in [t, target] at which `crossing`, positive at target, becomes so."""
-        if now >= 0.0:
+        if crossing(q) >= 0.0:
             return t
 
         def value(when: float) -> float:

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stack.kinematics.arm import ArmModel
 from stack.messages import Matrix, Vector
@@ -43,6 +44,7 @@ RANK_LOSS = 1e-7
 """σ_min / σ_max below which null space, gradient and multipliers mean nothing; the KS margin is this ratio then."""
 ON_LIMIT = 1e-9
 """Share of its width within which a limit counts as active."""
+Flags = NDArray[np.bool_]
 WHOLE_TASK: Rows = np.arange(6, dtype=np.int64)
 
 
@@ -166,7 +168,7 @@ def _of_joints(
 def _eigen_nearest_zero(matrix: Matrix) -> float:
     """The eigenvalue of a symmetric matrix with the smallest magnitude."""
     values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-    best = values[0]
+    best: float = values[0]
     for value in values:
         if abs(value) < abs(best):
             best = value
@@ -295,7 +297,7 @@ def _algorithmic(
     hessian: Matrix,
     normal: Matrix,
     bend: Tensor,
-    active: Rows,
+    active: Flags,
     scale: float,
     found: Vector,
     facts: Vector,
@@ -314,7 +316,7 @@ def _algorithmic(
 
 @compiled
 def _at_limits(
-    motion: Vector, shadow: Matrix, away: Vector, active: Rows, scale: float, found: Vector, facts: Vector
+    motion: Vector, shadow: Matrix, away: Vector, active: Flags, scale: float, found: Vector, facts: Vector
 ) -> int:
     """SS and SAS of the limits within reach into found[2:4] and facts[3]; the limit of the smaller one, −1 for none."""
     k, r = shadow.shape

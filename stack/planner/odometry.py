@@ -80,7 +80,8 @@ class Odometry:
 
     def commanded(self, rate: PlatformRate) -> Odometry:
         """With the command of this cycle remembered."""
-        return replace(self, commands=(*self.commands[1 - _HISTORY :], rate))
+        commands = (*self.commands[1 - _HISTORY :], rate)
+        return Odometry(self.wheels, self.pose, self.rate, self.missed, commands)
 
     def ahead(self, periods: int, period_s: float, model: WheelModel) -> PlatformPose:
         """Pose `periods` from now.
@@ -88,13 +89,19 @@ class Odometry:
         The measured rate is the mean of the period before the reading, its middle half a period ago; from there the model follows the
         commands that are on their way.
         """
-        pose, rate = self.pose, self.rate
+        return self.path(periods, period_s, model)[-1]
+
+    def path(self, periods: int, period_s: float, model: WheelModel) -> list[PlatformPose]:
+        """`ahead` of 0, 1, … `periods`, at the cost of the last."""
+        pose, (v, omega) = self.pose, self.rate
         share = model.share(period_s)
+        poses = [pose]
         for i in range(1 - self.missed, periods + 1):
             aim = self._on_its_way(i - 1.0, period_s, model)
-            rate = PlatformRate(rate.v + share * (aim.v - rate.v), rate.omega + share * (aim.omega - rate.omega))
-            pose = advance(pose, rate.v * period_s, rate.omega * period_s)
-        return pose
+            v, omega = v + share * (aim.v - v), omega + share * (aim.omega - omega)
+            pose = advance(pose, v * period_s, omega * period_s)
+            poses.append(pose)
+        return poses[self.missed :]
 
     def acceleration(self, period_s: float, model: WheelModel) -> PlatformRate:
         """Rate of change of v and ω now, as the model has it (m/s², rad/s²)."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
 
-from stack.messages import Vector
+from stack.messages import Matrix, Vector
+from stack.planner.avoidance import Avoidance
 
 
 class Method(IntEnum):
@@ -53,6 +54,18 @@ class Preferences:
     platform_gain: float = 0.0
     platform_max_rate: float = 0.4
     platform_feed_forward: float = 0.0
+    wishes: Matrix = field(init=False, repr=False)
+    """(3, n): preferred, heights, widths."""
+    arm_weight: Matrix = field(init=False, repr=False)
+    """(n, n): B of the arm alone."""
+    robot_weight: Matrix = field(init=False, repr=False)
+    """(n + 2, n + 2): B of the whole robot."""
+
+    def __post_init__(self) -> None:
+        n = len(self.preferred)
+        object.__setattr__(self, "wishes", np.array([self.preferred, self.heights, self.widths]))
+        object.__setattr__(self, "arm_weight", np.diag(self.weights[:n]))
+        object.__setattr__(self, "robot_weight", np.diag(self.weights))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +92,8 @@ class PlannerParameters:
 
     `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `tracker_gain`: weight of one TCP
     measurement in the drift estimate; `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from
-    the path beyond which the path begins to wait, at twice of which it stands.
+    the path beyond which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
+    from its singular manifolds, softly and hard, with the sizes of `avoidance`.
     """
 
     arm_period_ns: int
@@ -90,8 +104,11 @@ class PlannerParameters:
     coordination: Coordination = Coordination.ABC
     null_space_motion: bool = True
     joint_limit_rules: bool = True
+    repulsion: bool = False
+    circumvention: bool = False
+    avoidance: Avoidance = Avoidance()
     correction_gain: float = 20.0
-    tracker_gain: float = 0.4
+    tracker_gain: float = 0.25
     epsilon: float = 0.02
     patience_m: float = 0.005
     patience_rad: float = 0.01

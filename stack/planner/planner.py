@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stack.kinematics.arm import ArmModel, ArmState
+from stack.kinematics.arm import ArmModel
 from stack.kinematics.platform import platform_of, wheel_speeds
 from stack.kinematics.se3 import pose_inverse
 from stack.messages import Matrix, Mode, Restriction, TrackedPose, Vector
@@ -21,7 +21,7 @@ from stack.planner.parameters import Coordination, Limits, PlannerParameters
 from stack.planner.preferences import window
 from stack.planner.problem import Status
 from stack.planner.reference import CommandFilter
-from stack.planner.tracking import arm_in_odometry, body_twist, desired_in_arm, moved
+from stack.planner.tracking import arm_in_odometry, follow_path, moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ class Planner:
             T_RE=measured,
             arm=ArmCommand.holding(self.arm.n),
             platform=PlatformCommand(PlatformRate(0.0, 0.0)),
-            restrictions=_staleness(inputs) & ~Restriction.STALE_TWIST,
+            restrictions=Restriction(_staleness(inputs) & ~_STALE_TWIST),
             platform_cycle=False,
         )
         rested = PlannerState(state.drift, state.cycle, odometry=state.odometry, commanded=state.odometry.pose)
@@ -162,10 +162,10 @@ class Planner:
         pose_1, pose_2 = _poses_ahead(state, period, self.wheels, obeys=unified)
         T_RO = state.drift.T_RO
         X_1 = state.X_RE if state.X_RE is not None else T_RO @ arm_in_odometry(*pose_1, self.base, model.pose)
-        desired_1 = desired_in_arm(T_RO, *pose_1, self.base, X_1)
-        off = body_twist(model.pose, desired_1)
-        deviation = parameters.correction_gain * off
-        patience = _patience(off, parameters)
+        following, deviation, patience = follow_path(
+            T_RO, model.pose, X_1, *pose_1, *pose_2, self.base, command.twist,
+            parameters.correction_gain, parameters.patience_m, parameters.patience_rad, period,
+        )  # fmt: skip
         fade = window((inputs.t_ns - state.began_ns) * 1e-9, parameters.window_s)
         platform, due, arm = PlatformCommand(PlatformRate(0.0, 0.0)), False, None
         if inputs.mode is Mode.COORDINATED and parameters.coordination is not Coordination.ARM_ONLY:
@@ -175,13 +175,12 @@ class Planner:
                 wanted = command.twist + deviation if unified else command.twist
                 arm, platform = self.coordinator.robot_cycle(model, wanted, command.slow, state.rate, fade, parameters)
         if arm is None or not unified:
-            X_2 = moved(X_1, patience * command.twist, period)
-            relative = body_twist(desired_1, desired_in_arm(T_RO, *pose_2, self.base, X_2)) / period
-            arm = self.coordinator.arm_cycle(model, relative + deviation, state.dq, fade, parameters)
-        arm = replace(arm, scale=arm.scale * patience)
+            arm = self.coordinator.arm_cycle(model, following, state.dq, fade, parameters)
+        if patience < 1.0:
+            arm = replace(arm, scale=arm.scale * patience)
         X_2 = moved(X_1, command.twist * arm.scale, period)
         return self._send(
-            replace(state, command=command), inputs, parameters, measured, arm, platform, X_2, due,
+            state, inputs, parameters, measured, command, arm, platform, X_2, due,
             advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
         )  # fmt: skip
 
@@ -201,7 +200,7 @@ class Planner:
             platform = accelerated(rate, state.rate, parameters.limits, parameters.platform_period_s)
         carried = arm_in_odometry(*commanded, self.base, self.arm.pose(state.q_next))
         return self._send(
-            replace(state, command=command), inputs, parameters, measured, ArmCommand.holding(self.arm.n), platform,
+            state, inputs, parameters, measured, command, ArmCommand.holding(self.arm.n), platform,
             state.drift.T_RO @ carried, due, commanded,
         )  # fmt: skip
 
@@ -211,6 +210,7 @@ class Planner:
         inputs: PlannerInputs,
         parameters: PlannerParameters,
         measured: Matrix,
+        command: CommandFilter,
         arm: ArmCommand,
         platform: PlatformCommand,
         X_2: Matrix,
@@ -230,7 +230,7 @@ class Planner:
             T_RE=measured,
             arm=arm,
             platform=platform,
-            restrictions=arm.restrictions | platform.restrictions | _staleness(inputs),
+            restrictions=Restriction(int(arm.restrictions) | int(platform.restrictions) | _staleness(inputs)),
             platform_cycle=due,
         )
         following = replace(
@@ -238,6 +238,7 @@ class Planner:
             q_next=q,
             dq=arm.dq,
             X_RE=X_2,
+            command=command,
             rate=platform.rate,
             commanded=commanded,
             odometry=state.odometry.commanded(platform.rate),
@@ -269,24 +270,17 @@ def _poses_ahead(
     """Platform poses at SYNC k + 1 and k + 2: measured and extrapolated, or as commanded to a platform that is taken to obey."""
     if obeys:
         return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
-    return state.odometry.ahead(1, period, wheels), state.odometry.ahead(2, period, wheels)
+    _, pose_1, pose_2 = state.odometry.path(2, period, wheels)
+    return pose_1, pose_2
 
 
-def _patience(off: Vector, parameters: PlannerParameters) -> float:
-    """Share of the commanded twist, 1 to 0, while the set points are `off` (6,) the path by more than they should: an arm that
-    cannot follow makes the path wait, wherever it is, instead of cutting the corner later."""
-    position, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
-    worst = max(position / parameters.patience_m, angle / parameters.patience_rad)
-    return min(1.0, max(0.0, 2.0 - worst))
+def _staleness(inputs: PlannerInputs) -> int:
+    """Bits of what is missing."""
+    stale = _STALE_TWIST if inputs.twist is None and inputs.mode is not Mode.HOLD else 0
+    return stale | (_STALE_DRIVE if inputs.q is None or inputs.wheels is None else 0)
 
 
-def _staleness(inputs: PlannerInputs) -> Restriction:
-    stale = Restriction.NONE
-    if inputs.twist is None and inputs.mode is not Mode.HOLD:
-        stale |= Restriction.STALE_TWIST
-    if inputs.q is None or inputs.wheels is None:
-        stale |= Restriction.STALE_DRIVE
-    return stale
+_STALE_TWIST, _STALE_DRIVE = int(Restriction.STALE_TWIST), int(Restriction.STALE_DRIVE)
 
 
 __all__ = ["Planner", "PlannerInputs", "PlannerOutputs", "PlannerState", "Status"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,8 +28,4 @@ class CommandFilter:
         period = parameters.arm_period_s
         quick = period / (parameters.twist_smoothing_s + period)
         dull = period / (parameters.speed_smoothing_s + period)
-        return replace(
-            self,
-            twist=self.twist + quick * (target - self.twist),
-            slow=self.slow + dull * (target - self.slow),
-        )
+        return CommandFilter(self.twist + quick * (target - self.twist), self.slow + dull * (target - self.slow))

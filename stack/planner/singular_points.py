@@ -118,7 +118,7 @@ class PlaneSearch:
         return self._measure.at(q)
 
     def _rank(self, point: Vector) -> float:
-        sigma: Vector = np.linalg.svd(self._local(point).jacobian, compute_uv=False)
+        sigma = np.linalg.svd(self._local(point).jacobian, compute_uv=False)
         return float(sigma[-1] / sigma[0])
 
     def _optimality(self, point: Vector) -> tuple[float, float, Vector]:
@@ -171,17 +171,18 @@ def _wrapped(angles: Vector) -> Vector:
 
 def _gauss_newton(residual: Callable[[Vector], Vector], start: Vector) -> Vector | None:
     """A root near `start`, or None where the iteration does not settle on one."""
-    point = start.copy()
+    point: Vector = start.copy()
     for _ in range(40):
         value = residual(point)
         slope: Matrix = np.column_stack(
             [(residual(point + e) - residual(point - e)) / (2.0 * _STEP) for e in _STEP * np.eye(2)]
         )
-        step = -np.linalg.lstsq(slope, value, rcond=1e-10)[0]
+        step: Vector = -np.linalg.lstsq(slope, value, rcond=1e-10)[0]
         length = float(np.linalg.norm(step))
         if not math.isfinite(length):
             return None
-        point = point + step * min(1.0, 0.3 / length) if length > 0.0 else point
+        if length > 0.0:
+            point += step * min(1.0, 0.3 / length)
         if length < _DONE or (length < 1e-10 and float(np.abs(value).max()) < 1e-12):
             return point if float(np.abs(residual(point)).max()) < 1e-9 else None
     return None

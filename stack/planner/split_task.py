@@ -12,6 +12,7 @@ takes J Δq for the turn since the last sample (25), leaves about 1e-4° behind 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,59 +77,67 @@ class SplitStep:
     message: str
 
 
-def follow(arm: ArmModel, task: SplitTask, q: Vector, dq: Vector, here: Matrix, there: Matrix) -> SplitStep:
-    """One sample: from q, dq (n,) of the last one, whose commanded pose was `here` (4, 4), towards the pose `there` (4, 4).
+def follow(arm: ArmModel, task: SplitTask, q: Vector, dq: Vector, ahead: Callable[[float], Matrix]) -> SplitStep:
+    """One sample: from q, dq (n,) of the last one along `ahead`, the commanded pose (4, 4) at a share in [0, 1] of the coming cycle.
 
     Position (braking distance), velocity and acceleration limits of `arm` hold in every step, as far as they can be met together:
-    a joint that is outside its limits is brought back, braking hard first. With ϑ > 0 the robot is on the way from `here` to `there`
-    at share 1 − ϑ: `goal`, which is the `here` of the next sample. Pure; never fails for finite arguments.
+    a joint that is outside its limits is brought back, braking hard first. With ϑ > 0 only the share 1 − ϑ of the cycle's way was
+    gone: `goal` is the pose there, and the next sample goes on from it. Pure; never fails for finite arguments.
     """
     low, high = velocity_bounds(q, dq, arm.q_min, arm.q_max, arm.dq_max, arm.ddq_max, task.recovery_rate, task.cycle_s)
     low, high = low * task.cycle_s, high * task.cycle_s
-    change = pose_difference(there, here)
-    at, state = q, arm.state(q)
+    goal = ahead(1.0)
+    change = pose_difference(goal, ahead(0.0))
+    at, state, theta = q, arm.state(q), 0.0
     for _ in range(task.iterations):
-        way = pose_difference(there, state.pose) + state.jacobian @ (at - q)
+        way = pose_difference(goal, state.pose) + change * theta + state.jacobian @ (at - q)
         delta, theta, gave_way, message, optimised = _linearised(task, state.jacobian, way, change, low, high)
-        at = q + delta
+        goal, at = ahead(1.0 - theta), q + delta
         state = arm.state(at)
-    goal = between(here, there, 1.0 - theta)
     sigma = float(np.linalg.svd(state.jacobian, compute_uv=False)[-1])
-    status = _status(gave_way, optimised, sigma < task.epsilon)
     return SplitStep(
-        at,
-        delta / task.cycle_s,
-        goal,
-        pose_difference(goal, state.pose),
-        optimised,
-        theta,
-        gave_way,
-        status,
-        sigma,
-        message,
+        q=at,
+        dq=delta / task.cycle_s,
+        goal=goal,
+        error=pose_difference(goal, state.pose),
+        optimised=optimised,
+        time_scaling=theta,
+        gave_way=gave_way,
+        status=_status(gave_way, optimised, sigma < task.epsilon),
+        sigma=sigma,
+        message=message,
     )
 
 
-def between(here: Matrix, there: Matrix, share: float) -> Matrix:
-    """Pose (4, 4) at `share` in [0, 1] of the way: straight in position, about one axis in orientation."""
-    if share >= 1.0:
-        return there
-    pose = here.copy()
-    pose[:3, 3] += share * (there[:3, 3] - here[:3, 3])
-    pose[:3, :3] = rotation_exp(share * rotation_log(there[:3, :3] @ here[:3, :3].T)) @ here[:3, :3]
-    return pose
+def chord(here: Matrix, there: Matrix) -> Callable[[float], Matrix]:
+    """For `follow`, where only two poses (4, 4) are known: straight in position, about one axis in orientation."""
+    shift, turn = there[:3, 3] - here[:3, 3], rotation_log(there[:3, :3] @ here[:3, :3].T)
+
+    def ahead(share: float) -> Matrix:
+        pose = here.copy()
+        pose[:3, 3] += share * shift
+        pose[:3, :3] = rotation_exp(share * turn) @ here[:3, :3]
+        return pose
+
+    return ahead
 
 
 def _linearised(
     task: SplitTask, jacobian: Matrix, way: Vector, change: Vector, low: Vector, high: Vector
 ) -> tuple[Vector, float, GaveWay, str, bool]:
-    """(Δq, ϑ, what gave way, message, optimised) for one linearisation; way (6,): what J Δq should be for the pose to be met."""
+    """(Δq, ϑ, what gave way, message, optimised) for one linearisation; way (6,): what J Δq should be for the pose to be met
+    at the end of the cycle, ϑ = 0."""
     exact = np.array(task.exact)
     alpha, beta = task.weights.alpha**2, task.weights.beta**2
     wanted = np.where(exact, way, (alpha * way + beta * change) / (alpha + beta))
     closed, regular = closed_form(jacobian, wanted, task.epsilon)
     inside = bool((closed >= low - _TIGHT).all() and (closed <= high + _TIGHT).all())
-    if task.switching and regular and inside and np.abs((way - jacobian @ closed)[~exact]).max(initial=0.0) <= task.error_bound:
+    if (
+        task.switching
+        and regular
+        and inside
+        and np.abs((way - jacobian @ closed)[~exact]).max(initial=0.0) <= task.error_bound
+    ):
         return np.clip(closed, low, high), 0.0, GaveWay.NOTHING, "", False
     turning = _with_lost_direction(jacobian[~exact], jacobian[exact], task.epsilon)
     found = optimise_step(

@@ -56,21 +56,8 @@ def arm_in_odometry(x: float, y: float, heading: float, base: Vector, T_AE: Matr
 
 
 @compiled
-def body_twist(T_from: Matrix, T_to: Matrix) -> Vector:
-    """log(T_from⁻¹ T_to) (6,): the constant twist, in the axes of `T_from`, that takes it to `T_to` in unit time.
-
-    Accurate for turns up to a little below π; at π the axis comes from the largest diagonal element.
-    """
-    R = np.empty((3, 3))
-    p = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            value = 0.0
-            for k in range(3):
-                value += T_from[k, i] * T_to[k, j]
-            R[i, j] = value
-        for k in range(3):
-            p[i] += T_from[k, i] * (T_to[k, 3] - T_from[k, 3])
+def _logarithm(R: Matrix) -> tuple[Vector, float]:
+    """Rotation vector (3,) and angle of a rotation (3, 3)."""
     w = np.empty(3)
     w[0] = 0.5 * (R[2, 1] - R[1, 2])
     w[1] = 0.5 * (R[0, 2] - R[2, 0])
@@ -92,6 +79,32 @@ def body_twist(T_from: Matrix, T_to: Matrix) -> Vector:
             norm += w[i] * w[i]
         for i in range(3):
             w[i] *= angle / math.sqrt(norm)
+    return w, angle
+
+
+@compiled
+def rotation_vector(T: Matrix) -> Vector:
+    """(3,) of the rotation of a pose (4, 4)."""
+    return _logarithm(T[:3, :3])[0]
+
+
+@compiled
+def body_twist(T_from: Matrix, T_to: Matrix) -> Vector:
+    """log(T_from⁻¹ T_to) (6,): the constant twist, in the axes of `T_from`, that takes it to `T_to` in unit time.
+
+    Accurate for turns up to a little below π; at π the axis comes from the largest diagonal element.
+    """
+    R = np.empty((3, 3))
+    p = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            value = 0.0
+            for k in range(3):
+                value += T_from[k, i] * T_to[k, j]
+            R[i, j] = value
+        for k in range(3):
+            p[i] += T_from[k, i] * (T_to[k, 3] - T_from[k, 3])
+    w, angle = _logarithm(R)
     half = 0.5 * angle
     factor = 1.0 / 12.0 + angle * angle / 720.0 if angle < 1e-3 else (1.0 - half / math.tan(half)) / (angle * angle)
     result = np.empty(6)
@@ -103,6 +116,44 @@ def body_twist(T_from: Matrix, T_to: Matrix) -> Vector:
     result[2] = p[2] - 0.5 * cz + factor * (w[0] * cy - w[1] * cx)
     result[3:] = w
     return result
+
+
+@compiled
+def follow_path(
+    T_RO: Matrix,
+    T_AE: Matrix,
+    X_RE: Matrix,
+    x: float,
+    y: float,
+    heading: float,
+    x_ahead: float,
+    y_ahead: float,
+    heading_ahead: float,
+    base: Vector,
+    twist: Vector,
+    gain: float,
+    patience_m: float,
+    patience_rad: float,
+    dt: float,
+) -> tuple[Vector, Vector, float]:
+    """What the arm has to do in the next `dt` s so that the TCP goes on from `X_RE` at `twist` although the platform moves from
+    pose (x, y, heading) to the one `_ahead`: its twist (6,) in the axes of `T_AE`, where its TCP is now seen from its base; what of that
+    works off the present deviation (6,), at the rate `gain`; and the patience.
+
+    Patience is the share of `twist`, 1 to 0, while the set points are off the path by more than `patience_m` or `patience_rad`, 0 from
+    twice as much on: an arm that cannot follow makes the path wait, wherever it is, instead of cutting the corner later.
+    """
+    desired = desired_in_arm(T_RO, x, y, heading, base, X_RE)
+    off = body_twist(T_AE, desired)
+    distance = math.sqrt(off[0] * off[0] + off[1] * off[1] + off[2] * off[2])
+    angle = math.sqrt(off[3] * off[3] + off[4] * off[4] + off[5] * off[5])
+    patience = min(1.0, max(0.0, 2.0 - max(distance / patience_m, angle / patience_rad)))
+    ahead = desired_in_arm(T_RO, x_ahead, y_ahead, heading_ahead, base, moved(X_RE, patience * twist, dt))
+    relative = body_twist(desired, ahead)
+    deviation = gain * off
+    for i in range(6):
+        relative[i] = relative[i] / dt + deviation[i]
+    return relative, deviation, patience
 
 
 @compiled

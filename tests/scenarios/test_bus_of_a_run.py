@@ -71,11 +71,7 @@ def test_the_dbc_explains_every_frame(standard_door: Outcome) -> None:
 
 
 def test_the_bus_load_is_what_the_frame_lengths_say(standard_door: Outcome) -> None:
-    second = [
-        frame
-        for frame in read_bus_log(standard_door.directory / "bus.log")
-        if 10.0 <= frame.t_ns * 1e-9 < 11.0
-    ]
+    second = [frame for frame in read_bus_log(standard_door.directory / "bus.log") if 10.0 <= frame.t_ns * 1e-9 < 11.0]
     load = sum(bit_length(frame.can_id, frame.data) for frame in second) / 1e6
     cyclic = {0x080} | {base + node_id for base in (0x180, 0x200) for node_id in DRIVE_IDS}
     drives = [frame for frame in second if frame.can_id in cyclic]
@@ -115,7 +111,10 @@ def test_the_files_of_a_run(standard_door: Outcome) -> None:
         assert milestone in events
 
 
-CONTRACT_KEYS = """scenario seed method coordination sim_time_s wall_time_s real_time_factor
-physics_only_real_time_factor arm_cycles platform_cycles arm_cycle_us tcp_error_rms_m tcp_error_p99_m tcp_error_max_m
-tcp_orientation_error_max_rad bus_load_mean bus_load_peak frames frames_lost limit_violations min_manipulability_arm
-min_manipulability_robot faults expectations""".split()
+CONTRACT_KEYS = [
+    *("scenario", "seed", "method", "coordination", "sim_time_s", "wall_time_s", "real_time_factor"),
+    *("physics_only_real_time_factor", "arm_cycles", "platform_cycles", "arm_cycle_us"),
+    *("tcp_error_rms_m", "tcp_error_p99_m", "tcp_error_max_m", "tcp_orientation_error_max_rad"),
+    *("bus_load_mean", "bus_load_peak", "frames", "frames_lost", "limit_violations"),
+    *("min_manipulability_arm", "min_manipulability_robot", "faults", "expectations"),
+]

@@ -103,9 +103,7 @@ def test_a_new_preferred_lift_height_raises_the_lift(moving: tuple[LockstepRun, 
         ("23 12 20 01 00 00 80 BF", "80 12 20 01 32 00 09 06"),  # a negative width
     ],
 )
-def test_what_may_not_be_written_is_refused(
-    moving: tuple[LockstepRun, Stranger], request_: str, answer: str
-) -> None:
+def test_what_may_not_be_written_is_refused(moving: tuple[LockstepRun, Stranger], request_: str, answer: str) -> None:
     run, stranger = moving
     assert stranger.ask(request_) == bytes.fromhex(answer)
     run.clock.run_until(4_500_000_000)

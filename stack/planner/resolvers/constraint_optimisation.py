@@ -3,9 +3,9 @@
 A part of the task holds exactly (`ex`, usually translation), a part may give way (`ap`, usually orientation). With e_ap the error of the
 approximate part and r_ex that of the exact part at the linearisation point, Δx the commanded change since the last sample:
 
-    minimise   ‖α (J_ap Δq − e_ap)‖² + ‖β (J_ap Δq − Δx_ap (1 − ϑ))‖² + γ² ϑ² + δ² ‖Δq‖²          (24, 25, 34)
+    minimise   ‖α (J_ap Δq + Δx_ap ϑ − e_ap)‖² + ‖β (J_ap Δq + Δx_ap ϑ − Δx_ap)‖² + γ² ϑ² + δ² ‖Δq‖²    (24, 25, 34)
     subject to J_ex Δq + Δx_ex ϑ = r_ex,   lower ≤ Δq ≤ upper,   0 ≤ ϑ ≤ 1                         (26-28; θ also in (26))
-               |e_ap − J_ap Δq| ≤ bound + s                                                        (optional, s = 0 while it can be)
+               |e_ap − Δx_ap ϑ − J_ap Δq| ≤ bound + s                                                   (optional, s = 0 while it can be)
 
 What cannot be met gives way in this order: the orientation bound (s), then time (ϑ), then translation; each is named. At most four
 quadratic programs, so a cycle takes a bounded time.
@@ -108,7 +108,7 @@ def _cost(
     n = exact[0].shape[1]
     rows = np.vstack(
         [
-            weights.alpha * np.column_stack([jacobian, np.zeros(error.size)]),
+            weights.alpha * np.column_stack([jacobian, change]),
             weights.beta * np.column_stack([jacobian, change]),
             np.diag(np.append(np.full(n, weights.delta), weights.gamma)),
         ]
@@ -137,9 +137,9 @@ def _solve(
     lower, upper = exact[1], exact[1]
     equalities = lower.size
     if np.isfinite(error_bound):
-        jacobian, error, _ = approximate
-        zeros, ones = np.zeros(error.size), np.ones(error.size)
-        rows = np.vstack([rows, np.column_stack([jacobian, zeros, -ones]), np.column_stack([jacobian, zeros, ones])])
+        jacobian, error, change = approximate
+        ones = np.ones(error.size)
+        rows = np.vstack([rows, np.column_stack([jacobian, change, -ones]), np.column_stack([jacobian, change, ones])])
         lower = np.concatenate([lower, np.full(error.size, -np.inf), error - error_bound])
         upper = np.concatenate([upper, error + error_bound, np.full(error.size, np.inf)])
     box_low = np.concatenate([low, [0.0, 0.0], lower])
@@ -199,7 +199,7 @@ def _step(
     delta_q = np.clip(y[:-1], low, high)
     theta = 0.0 if y[-1] < _NOTHING else float(min(y[-1], 1.0))
     gave_way, words = GaveWay.NOTHING, []
-    left = np.abs(approximate[1] - approximate[0] @ delta_q)
+    left = np.abs(approximate[1] - approximate[2] * theta - approximate[0] @ delta_q)
     if left.size and left.max() > error_bound + 1e-9:
         gave_way |= GaveWay.ORIENTATION_BOUND
         words.append(f"approximate error {left.max():.3g} exceeds its bound {error_bound:.3g}")

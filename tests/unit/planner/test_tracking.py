@@ -1,11 +1,12 @@
 """The compiled pose arithmetic of the arm cycle against the plain one of stack.kinematics.se3."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stack.kinematics.se3 import pose_exp, pose_log
-from stack.planner.tracking import arm_in_odometry, body_twist, desired_in_arm, moved
+from stack.kinematics.se3 import pose_exp, pose_log, rotation_log
+from stack.planner.tracking import arm_in_odometry, body_twist, desired_in_arm, follow_path, moved, rotation_vector
 
 numbers = st.floats(-2.0, 2.0)
 twists = st.tuples(*[numbers] * 6).map(np.array)
@@ -48,3 +49,30 @@ def test_many_small_steps_stay_a_rotation() -> None:
     for _ in range(20_000):
         T = moved(T, twist, 0.01)
     np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), atol=1e-14)
+
+
+@given(poses)
+def test_rotation_vector_agrees_with_the_plain_logarithm(T: np.ndarray) -> None:
+    np.testing.assert_allclose(rotation_vector(T), rotation_log(T[:3, :3]), atol=1e-9)
+
+
+@given(poses, poses, poses, st.tuples(*[numbers] * 6), twists, st.floats(1e-3, 0.1))
+def test_following_the_path_is_the_motion_between_what_is_desired_now_and_then(T_RO, T_AE, X_RE, way, twist, dt) -> None:
+    base = np.array([0.15, 0.0, 0.35])
+    wanted, deviation, patience = follow_path(T_RO, T_AE, X_RE, *way, base, twist, 20.0, 0.005, 0.01, dt)
+    now = desired_in_arm(T_RO, *way[:3], base, X_RE)
+    then = desired_in_arm(T_RO, *way[3:], base, moved(X_RE, patience * twist, dt))
+    off = body_twist(T_AE, now)
+    np.testing.assert_allclose(deviation, 20.0 * off)
+    np.testing.assert_allclose(wanted - deviation, body_twist(now, then) / dt, atol=1e-9)
+    worst = max(np.linalg.norm(off[:3]) / 0.005, np.linalg.norm(off[3:]) / 0.01)
+    assert patience == pytest.approx(min(1.0, max(0.0, 2.0 - worst)))
+
+
+def test_patience_ends_between_one_and_two_tolerances() -> None:
+    def patience(off_m: float) -> float:
+        off = pose_exp(np.array([off_m, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        still = (0.0,) * 6
+        return follow_path(np.eye(4), np.eye(4), off, *still, np.zeros(3), np.zeros(6), 20.0, 0.005, 0.01, 0.01)[2]
+
+    assert [patience(off_m) for off_m in (0.0, 0.005, 0.0075, 0.01, 1.0)] == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
