@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -99,12 +100,12 @@ class PlannerObjects:
     def _bind_reports(self, joints: int) -> None:
         self._dictionary.bind(table.PHASE, source=lambda: int(self._reported().phase))
         for i in range(joints):
-            self._show(table.CONFIGURATION, i + 1, lambda o, i=i: o.q[i])
+            self._show(table.CONFIGURATION, i + 1, partial(_configuration, i))
         for i in range(3):
-            self._show(table.TCP_POSITION, i + 1, lambda o, i=i: o.T_RE[i, 3])
-            self._show(table.TCP_ROTATION_VECTOR, i + 1, lambda o, i=i: rotation_log(o.T_RE[:3, :3])[i])
+            self._show(table.TCP_POSITION, i + 1, partial(_position, i))
+            self._show(table.TCP_ROTATION_VECTOR, i + 1, partial(_rotation, i))
         for i in range(6):
-            self._show(table.SINGULAR_VALUES, i + 1, lambda o, i=i: o.arm.sigma[i])
+            self._show(table.SINGULAR_VALUES, i + 1, partial(_singular_value, i))
         self._show(table.MANIPULABILITY, 1, lambda o: np.prod(o.arm.sigma))
 
     def _show(self, index: int, subindex: int, read: Callable[[PlannerOutputs], Any]) -> None:
@@ -115,3 +116,19 @@ class PlannerObjects:
             return 0.0 if outputs is None else float(read(outputs))
 
         self._dictionary.bind(index, subindex, source=source)
+
+
+def _configuration(joint: int, outputs: PlannerOutputs) -> float:
+    return float(outputs.q[joint])
+
+
+def _position(axis: int, outputs: PlannerOutputs) -> float:
+    return float(outputs.T_RE[axis, 3])
+
+
+def _rotation(axis: int, outputs: PlannerOutputs) -> float:
+    return float(rotation_log(outputs.T_RE[:3, :3])[axis])
+
+
+def _singular_value(number: int, outputs: PlannerOutputs) -> float:
+    return float(outputs.arm.sigma[number])

@@ -1,6 +1,7 @@
 """Common ground of all tests: Hypothesis without time limits, and what a machine must have for the tests that need more.
 
-With CANIPULATOR_REQUIRE=all (as .ci/run sets it) a missing CAN kernel or viewer is a failure; otherwise such tests are skipped, and say why.
+With CANIPULATOR_REQUIRE=all (as .ci/run sets it) a missing CAN kernel or viewer is a failure; otherwise such tests are
+skipped, and say why.
 """
 
 import os

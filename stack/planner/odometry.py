@@ -53,9 +53,9 @@ class WheelModel:
 class Odometry:
     """Wheel angles of the last reading (None before the first), pose then, and the mean rate of the period before it.
 
-    `missed`: periods since that reading; a lost frame costs accuracy, not the platform's pose. `commands`: the rates commanded in the
-    last cycles, newest last. What comes next is predicted from the commands, not from differences of readings: the arm's reaction shakes the
-    wheels, and feeding that back to the arm makes both of them hum.
+    `missed`: periods since that reading; a lost frame costs accuracy, not the platform's pose. `commands`: the rates
+    commanded in the last cycles, newest last. What comes next is predicted from the commands, not from differences of
+    readings: the arm's reaction shakes the wheels, and feeding that back to the arm makes both of them hum.
     """
 
     wheels: tuple[float, float] | None = None

@@ -177,7 +177,7 @@ def _gauss_newton(residual: Callable[[Vector], Vector], start: Vector) -> Vector
         slope: Matrix = np.column_stack(
             [(residual(point + e) - residual(point - e)) / (2.0 * _STEP) for e in _STEP * np.eye(2)]
         )
-        step: Vector = -np.linalg.lstsq(slope, value, rcond=1e-10)[0]
+        step = -np.asarray(np.linalg.lstsq(slope, value, rcond=1e-10)[0], np.float64)
         length = float(np.linalg.norm(step))
         if not math.isfinite(length):
             return None

@@ -72,7 +72,7 @@ def test_unknown_scenario_names_the_nearest() -> None:
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text((SCENARIO_DIR / "hold-still.toml").read_text().replace('title = "', 'titel = "'))
-    with pytest.raises(ConfigError, match="titel|title"):
+    with pytest.raises(ConfigError, match=r"titel|title"):
         load_scenario(str(path))
 
 
