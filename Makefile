@@ -6,7 +6,7 @@ STAMP := .venv/.ready
 JOBS ?= auto
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check bench lock clean
+.PHONY: help setup run test check bench golden lock clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -35,6 +35,9 @@ check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a m
 
 bench: $(STAMP)  ## each hot path as a ratio against a stated reference
 	@$(BIN)/python -m benchmarks
+
+golden: $(STAMP)  ## records the golden runs of the tests anew (say why in the commit)
+	@$(BIN)/python -m tests.golden.record
 
 lock: $(STAMP)  ## refreshes requirements.lock from pyproject.toml
 	@$(BIN)/pip-compile --quiet --upgrade --generate-hashes --allow-unsafe --strip-extras --extra dev --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml

@@ -8,6 +8,10 @@ from pathlib import Path
 
 import click
 
+from canipulator.log_commands import COMMANDS as LOG_COMMANDS
+from canipulator.tool_commands import COMMANDS as TOOL_COMMANDS
+from canipulator.tool_commands import serve_options, served_run
+from canipulator.wire_commands import COMMANDS as WIRE_COMMANDS
 from config.errors import ConfigError, nearest
 
 INTERRUPTED = 130
@@ -28,6 +32,10 @@ class _Commands(click.Group):
 @click.version_option(package_name="canipulator", message="canipulator %(version)s")
 def cli() -> None:
     """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
+
+
+for _command in (*LOG_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
+    cli.add_command(_command)
 
 
 @cli.command("list")
@@ -51,9 +59,23 @@ def list_scenarios() -> None:
 @click.option("--method", help="Redundancy resolution: pns, fsp, gradient, qp.")
 @click.option("--coordination", help="Arm and base: abc, unified, arm-only.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Any scenario key, dotted; repeatable.")
-@click.option("--bus", "bus_url", default="lockstep", show_default=True, help="The wire: lockstep, in virtual time.")
+@click.option(
+    "--bus",
+    "bus_url",
+    default="lockstep",
+    show_default=True,
+    metavar="URL",
+    help="The wire: lockstep (virtual time), or interface:channel of python-can, e.g. socketcan:vcan0 (real time).",
+)
+@click.option(
+    "--external",
+    multiple=True,
+    metavar="PART",
+    help="With --bus URL: planner, strategic or drives (21,22) that somebody else brings; repeatable.",
+)
 @click.option("--no-rerun", is_flag=True, help="No Rerun recording (bus.log and metrics are written all the same).")
 @click.option("--json", "as_json", is_flag=True, help="The metrics on stdout, nothing else.")
+@serve_options
 def run(
     scenario: str,
     out: Path | None,
@@ -63,8 +85,12 @@ def run(
     coordination: str | None,
     overrides: tuple[str, ...],
     bus_url: str,
+    external: tuple[str, ...],
     no_rerun: bool,
     as_json: bool,
+    serve: int | None,
+    allow_inject: bool,
+    pace: float | None,
 ) -> None:
     """Run SCENARIO (a name of `canipulator list`, or a TOML file).
 
@@ -74,8 +100,11 @@ def run(
     from config.load import load_scenario
     from config.scenario import Scenario
 
-    if bus_url != "lockstep":
-        raise ConfigError(f"--bus {bus_url!r}: the only bus of this version is 'lockstep'")
+    on_wire = bus_url != "lockstep"
+    if external and not on_wire:
+        raise ConfigError("--external: only on a real wire (--bus interface:channel)")
+    if serve is not None and on_wire:
+        raise ConfigError("--serve: only for lockstep runs; `canipulator attach` serves a real wire")
     sets = list(overrides)
     for key, value in (("seed", seed), ("planner.method", method), ("planner.coordination", coordination)):
         if value is not None:
@@ -83,8 +112,17 @@ def run(
     if duration is not None and not 0.0 < duration < float("inf"):
         raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
     loaded = load_scenario(scenario, sets)
-    options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json)
-    if isinstance(loaded, Scenario):
+    if serve is not None and not isinstance(loaded, Scenario):
+        raise ConfigError(f"--serve: {loaded.name} is a kinematic scenario, it has no bus")
+    served = served_run(serve, allow_inject, None if on_wire else pace)
+    options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json, served=served)
+    if on_wire:
+        from canipulator.realtime import Wire, external_parts, run_on_wire
+
+        if not isinstance(loaded, Scenario):
+            raise ConfigError(f"--bus {bus_url}: {loaded.name} is a kinematic scenario, it has no bus")
+        outcome = run_on_wire(loaded, options, Wire(bus_url, *external_parts(external), 1.0 if pace is None else pace))
+    elif isinstance(loaded, Scenario):
         from canipulator.run import run_scenario
 
         outcome = run_scenario(loaded, options)

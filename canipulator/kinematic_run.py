@@ -98,7 +98,13 @@ def measure(scenario: KinematicScenario, recorded: Recorded, arm: ArmModel, wall
         faults=recorded.faults,
         extra={**limit_metrics(recorded, arm), **recorded.metrics},
     )
-    return replace(evaluate(_table(recorded, arm), arm, facts), arm_cycles=len(trace.t_s) - 1, platform_cycles=0)
+    return replace(
+        evaluate(_table(recorded, arm), arm, facts),
+        arm_cycles=len(trace.t_s) - 1,
+        platform_cycles=0,
+        tcp_lateral_error_rms_m=None,  # rows are cycles of the path's own time: there is no telling across from along
+        tcp_lateral_error_max_m=None,
+    )
 
 
 def limit_metrics(recorded: Recorded, arm: ArmModel) -> dict[str, float | None]:

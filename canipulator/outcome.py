@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -18,17 +18,24 @@ from logs.expectations import Expectation
 from logs.metrics import Metrics
 from logs.summary import summary
 
+if TYPE_CHECKING:
+    from canipulator.serving import ServedRun
+
 OK, EXPECTATION_MISSED, INTERRUPTED = 0, 1, 130
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run, beside what the scenario says. `duration_s` cuts it short and leaves the expectations unjudged."""
+    """How to run, beside what the scenario says. `duration_s` cuts it short and leaves the expectations unjudged.
+
+    `served`: the run's bus is open to CAN tools, and virtual time keeps to real time.
+    """
 
     out: Path | None = None
     duration_s: float | None = None
     record: bool = True
     quiet: bool = False
+    served: ServedRun | None = None
 
 
 @dataclass(frozen=True)
@@ -95,7 +102,8 @@ def revision() -> str:
 def progress_bar(title: str, total: float, *, quiet: bool) -> Iterator[Callable[[float, str], None]]:
     """A bar on stderr for people, nothing for pipes; call what it gives with what is done and a word about it."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[at]}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=quiet) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task(title, total=total, at="")
         yield lambda done, at: bar.update(task, completed=done, at=at)
 

@@ -18,9 +18,12 @@ from drivers.catalogue import DRIVE_IDS, PLANNER_ID
 from drivers.clock import LockstepClock
 from drivers.frame import Frame
 from drivers.objects import DeviceDef, PdoKind
+from drivers.tables.planner import METHOD
 from logs.bus_log import BusLogError, read_bus_log
 from logs.frame_text import FrameReader, differing_fields
+from logs.open_loop import SetPoints, set_points
 from logs.tape import SYNC_ID
+from stack.planner.parameters import Method
 
 CHUNK_NS = 100_000_000
 
@@ -51,7 +54,9 @@ def read_run(run_dir: Path) -> tuple[Scenario, list[Frame]]:
             raise ConfigError(f"{needed}: no such file; RUN must be the folder of a run")
     scenario = load_scenario(str(path))
     if not isinstance(scenario, Scenario):
-        raise ConfigError(f"{run_dir}: a kinematic run ({scenario.name}) has no bus, so there is nothing to replay or decode")
+        raise ConfigError(
+            f"{run_dir}: a kinematic run ({scenario.name}) has no bus, so there is nothing to replay or decode"
+        )
     try:
         frames = list(read_bus_log(log))
     except BusLogError as error:
@@ -80,8 +85,9 @@ def replay(
 ) -> Replayed:
     """Rebuilds the planner of `scenario`, plays `frames` to it in virtual time, and compares what it sends.
 
-    The same scenario and log give the same answer. Exact for the logs of lockstep runs at bit rates with whole microseconds per bit,
-    which is all of CiA 301's but 800 kbit/s. `tolerance` (SI): see `differing_fields`.
+    The same scenario and log give the same answer, and for the log of a lockstep run it is bit-identical: the log's microseconds are
+    the bus's own wherever a bit takes whole microseconds, and at 800 kbit/s nothing that the planner computes depends on the rest.
+    `tolerance` (SI): see `differing_fields`.
     """
     robot = load_robot(scenario.robot)
     reader = FrameReader(robot.devices.values())
@@ -118,10 +124,37 @@ def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False)
     scenario, frames = read_run(run_dir)
     if method is not None:
         scenario = load_scenario_with(run_dir, method)
+        frames = [_with_method(frame, Method.named(method)) for frame in frames]
     end_ns = frames[-1].t_ns
     with progress_bar(f"replay {run_dir.name}", end_ns, quiet=quiet) as advance:
         result = replay(scenario, frames, on_progress=lambda t_ns: advance(t_ns, f"{t_ns * 1e-9:.1f} s"))
     return scenario, result
+
+
+def _with_method(frame: Frame, method: Method) -> Frame:
+    """The strategic node's write of the planner's object "method" asks for another one; every other frame is as it was."""
+    is_write = frame.can_id == 0x600 + PLANNER_ID and frame.data[:4] == _WRITE_METHOD
+    return frame._replace(data=_WRITE_METHOD + bytes((method, 0, 0, 0))) if is_write else frame
+
+
+_WRITE_METHOD = b"\x2f" + METHOD.to_bytes(2, "little") + b"\x00"
+"""Expedited SDO download of one byte (CiA 301, 7.2.4.3.3)."""
+
+
+def drive_set_points(result: Replayed, devices: dict[int, DeviceDef]) -> list[SetPoints]:
+    """Set points of every drive as they were sent in the run and in the replay, wheels first."""
+    found = []
+    for node_id in DRIVE_IDS:
+        device = devices[node_id]
+        can_id = next(pdo.cob_id for pdo in device.pdos if pdo.kind is PdoKind.RPDO and pdo.number == 1) & 0x7FF
+        both = [
+            (pair.recorded, pair.sent)
+            for pair in result.pairs
+            if pair.recorded is not None and pair.sent is not None and pair.recorded.can_id == can_id
+        ]
+        times = [recorded.t_ns for recorded, _ in both]
+        found.append(set_points(device, times, [a.data for a, _ in both], [b.data for _, b in both]))
+    return found
 
 
 def load_scenario_with(run_dir: Path, method: str) -> Scenario:

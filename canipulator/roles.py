@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 
 from config.mission import build_mission
@@ -11,6 +11,7 @@ from config.scenario import Scenario
 from drivers.bus.base import Bus
 from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
 from drivers.cia402.bank import DriveBank
+from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.device import Drive
 from drivers.clock import Clock
 from drivers.planner_node import PlannerNode
@@ -27,6 +28,7 @@ from stack.kinematics.robot_file import robot_directory
 from stack.planner.planner import Planner
 
 TICK_NS = 1_000_000
+_LEVELS = {"info": Level.INFO, "warning": Level.WARN, "error": Level.ERROR}
 OnEvent = Callable[[Level, str, str], None]
 """(level, source, text)."""
 
@@ -48,7 +50,7 @@ class SimulatedRobot:
             node.power_on()
         if self.tracker is not None:
             self.tracker.node.power_on()
-        self._next_ns = self.clock.now_ns() + TICK_NS
+        self._next_ns = (self.clock.now_ns() // TICK_NS + 1) * TICK_NS
         self.clock.call_at(self._next_ns, self._tick)
 
     def _tick(self) -> None:
@@ -59,8 +61,10 @@ class SimulatedRobot:
         self.clock.call_at(self._next_ns, self._tick)
 
 
-def simulated_robot(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus) -> SimulatedRobot:
-    """The robot of the scenario at its start, nothing powered yet."""
+def simulated_robot(
+    robot: Robot, scenario: Scenario, clock: Clock, bus: Bus, absent: Container[int] = ()
+) -> SimulatedRobot:
+    """The robot of the scenario at its start, nothing powered yet. `absent`: drives that somebody else brings to the bus."""
     platform = platform_of(robot.arm)
     start = scenario.start
     parameters = WorldParameters(
@@ -77,7 +81,11 @@ def simulated_robot(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus) ->
     world = World(robot_directory(scenario.robot) / "robot.urdf", parameters, scenario.seed)
     bank = DriveBank(robot.servo, world.plant, TICK_NS)
     devices = robot.devices
-    drives = [Drive(devices[node_id], clock, bus, bank, axis) for axis, node_id in enumerate(DRIVE_IDS)]
+    drives = [
+        Drive(devices[node_id], clock, bus, bank, axis)
+        for axis, node_id in enumerate(DRIVE_IDS)
+        if node_id not in absent
+    ]
     sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, lambda: world.force_sensor.read())
     tracker = _tracker(robot, scenario, world, clock, bus) if scenario.feedback.rate_hz > 0.0 else None
     return SimulatedRobot(world, bank, drives, sensor, tracker, clock)
@@ -105,8 +113,9 @@ def planner_role(
     bus: Bus,
     on_event: OnEvent,
     stopwatch: Callable[[], int] | None = None,
+    times: MasterTimes | None = None,
 ) -> PlannerNode:
-    """Node 2, nothing powered yet."""
+    """Node 2, nothing powered yet. `times`: how long it waits for its drives."""
     devices = robot.devices
     others = [STRATEGIC_ID, FORCE_SENSOR_ID, TRACKER_ID]
     return PlannerNode(
@@ -117,9 +126,10 @@ def planner_role(
         bus,
         Planner(robot.arm, robot.limits),
         planner_parameters(robot, scenario),
-        lambda level, text: on_event(Level[level.upper()], "planner", text),
+        lambda level, text: on_event(_LEVELS[level], "planner", text),
         stopwatch,
         sdo_gap_ns(scenario),
+        times,
     )
 
 

@@ -25,6 +25,7 @@ from canipulator.outcome import (
     show,
 )
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
+from canipulator.warm_up import warm_up
 from config.errors import ConfigError
 from config.load import dump_scenario
 from config.robot import Robot, load_robot
@@ -53,8 +54,8 @@ def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:
     Raises ConfigError for what cannot be run, OSError where files cannot be written, KeyboardInterrupt after having saved everything.
     """
     robot = load_robot(scenario.robot)
-    _check(scenario, robot)
-    _check_expectations(scenario, robot)
+    check_scenario(scenario, robot)
+    check_expectations(scenario, robot)
     directory = run_directory(scenario.name, options)
     (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
     with LockstepRun(scenario, robot, options, directory) as run:
@@ -85,14 +86,7 @@ class LockstepRun:
         self.log = RunLog(
             robot.devices.values(),
             scenario.robot,
-            RunInfo(
-                scenario.name,
-                scenario.seed,
-                scenario.planner.method,
-                scenario.planner.coordination,
-                revision(),
-                flat(scenario.model_dump(mode="json", exclude_none=True)),
-            ),
+            run_info(scenario),
             sync_period_ns=self.period_ns,
             bitrate=scenario.bus.bitrate,
             platform_ratio=self._platform_ratio,
@@ -103,6 +97,7 @@ class LockstepRun:
         self.bus.observe(self.bus_log)
         self.bus.observe(self.log.on_frame)
         self.sim: SimulatedRobot = simulated_robot(robot, scenario, self.clock, self.bus)
+        warm_up(robot, scenario)
         self.planner: PlannerNode = planner_role(
             robot, scenario, self.clock, self.bus, self._on_event, time.perf_counter_ns
         )
@@ -123,9 +118,13 @@ class LockstepRun:
         self.power_on()
         began = time.perf_counter()
         try:
-            with _collector_off(), progress_bar(self.scenario.name, end_ns, quiet=self.options.quiet) as advance:
+            with (
+                collector_off(),
+                self._run_until() as run_until,
+                progress_bar(self.scenario.name, end_ns, quiet=self.options.quiet) as advance,
+            ):
                 while (now_ns := self.clock.now_ns()) < end_ns and not self._done():
-                    self.clock.run_until(min(now_ns + CHUNK_NS, end_ns))
+                    run_until(min(now_ns + CHUNK_NS, end_ns))
                     self._advance(advance)
         except KeyboardInterrupt:
             self._on_event(Level.WARN, "run", "interrupted")
@@ -140,6 +139,11 @@ class LockstepRun:
         self.strategic.node.power_on()
         self.planner.power_on()
         self._sample()
+
+    def _run_until(self) -> contextlib.AbstractContextManager[Callable[[int], None]]:
+        """The clock's own, or one that serves the bus to tools and keeps to real time."""
+        served = self.options.served
+        return contextlib.nullcontext(self.clock.run_until) if served is None else served.paced(self.clock, self.bus)
 
     def _advance(self, advance: Callable[[float, str], None]) -> None:
         now_ns = self.clock.now_ns()
@@ -190,7 +194,7 @@ class LockstepRun:
         scenario = self.scenario
         sim_s = self.clock.now_ns() * 1e-9
         statistics = self.bus.statistics()
-        overload = _overload(self.log.table, statistics.frames_lost)
+        bus_full = overload(self.log.table, statistics.frames_lost)
         facts = RunFacts(
             scenario=scenario.name,
             seed=scenario.seed,
@@ -203,7 +207,7 @@ class LockstepRun:
             arm_cycle_us=np.array(self.planner.cycle_ns) * 1e-3,
             frames=statistics.frames,
             frames_lost=statistics.frames_lost,
-            faults=(*overload, *self.faults),
+            faults=(*bus_full, *self.faults),
             recorder_fault=self.log.recorder_fault,
             dropped_blocks=self.log.dropped_blocks,
             extra=self._own_metrics(),
@@ -228,7 +232,19 @@ OWN_METRICS = ("mission_finished", "path_progress", "incomplete_cycles", "platfo
 feedback from every drive, distance of the platform at the end from where it began, 1 for a mission that came to its end."""
 
 
-def _check(scenario: Scenario, robot: Robot) -> None:
+def run_info(scenario: Scenario) -> RunInfo:
+    """What a recording says about itself."""
+    return RunInfo(
+        scenario.name,
+        scenario.seed,
+        scenario.planner.method,
+        scenario.planner.coordination,
+        revision(),
+        flat(scenario.model_dump(mode="json", exclude_none=True)),
+    )
+
+
+def check_scenario(scenario: Scenario, robot: Robot) -> None:
     """What only scenario and robot together can say."""
     start, arm = scenario.start.configuration, robot.arm
     if start is None:
@@ -243,7 +259,7 @@ def _check(scenario: Scenario, robot: Robot) -> None:
             )
 
 
-def _check_expectations(scenario: Scenario, robot: Robot) -> None:
+def check_expectations(scenario: Scenario, robot: Robot) -> None:
     """Whether every metric that is expected exists: better now than at the end of the run."""
     facts = RunFacts(scenario.name, scenario.seed, "", "", 0.0, 0.0, extra=dict.fromkeys(OWN_METRICS, 0.0))
     nothing = evaluate(SignalTable(), robot.arm, facts)
@@ -254,7 +270,7 @@ def _check_expectations(scenario: Scenario, robot: Robot) -> None:
         raise ConfigError(f"{scenario.name}: {error}") from None
 
 
-def _overload(table: SignalTable, frames_lost: int) -> tuple[str, ...]:
+def overload(table: SignalTable, frames_lost: int) -> tuple[str, ...]:
     """A bus that cannot carry what is asked of it is a fault of its own, before all that follows from it."""
     load = table.get("bus/load")
     full = 0 if load is None else _longest(load.values[:, 0] >= FULL)
@@ -278,7 +294,7 @@ OVERLOAD_WINDOWS = 3
 
 
 @contextlib.contextmanager
-def _collector_off() -> Iterator[None]:
+def collector_off() -> Iterator[None]:
     """No garbage collection inside the loop: nothing there makes cycles, and pauses would show in the cycle times."""
     was_on = gc.isenabled()
     gc.disable()

@@ -39,6 +39,8 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
         ParameterWrite(table.COORDINATION, 0, Coordination.named(planner.coordination)),
         ParameterWrite(table.NULL_SPACE_MOTION, 0, int(planner.null_space_motion)),
         ParameterWrite(table.JOINT_LIMIT_RULES, 0, int(planner.joint_limit_rules)),
+        ParameterWrite(table.REPULSION, 0, int(planner.repulsion)),
+        ParameterWrite(table.CIRCUMVENTION, 0, int(planner.circumvention)),
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))

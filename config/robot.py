@@ -67,6 +67,8 @@ def planner_parameters(robot: Robot, scenario: Scenario) -> PlannerParameters:
         coordination=Coordination.named(table.coordination),
         null_space_motion=table.null_space_motion,
         joint_limit_rules=table.joint_limit_rules,
+        repulsion=table.repulsion,
+        circumvention=table.circumvention,
     )
 
 

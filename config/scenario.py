@@ -35,6 +35,8 @@ class PlannerTable(Table):
     platform_cycle_hz: Annotated[float, Field(ge=1, le=500)] = 20.0
     null_space_motion: bool = True
     joint_limit_rules: bool = True
+    repulsion: bool = False
+    circumvention: bool = False
 
     @field_validator("arm_cycle_hz")
     @classmethod

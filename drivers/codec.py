@@ -21,6 +21,8 @@ from stack.messages import (
     PlannerPhase,
     PlannerState,
     Restriction,
+    SingularityKind,
+    SingularityReport,
     TrackedPose,
     TwistCommand,
     Vector,
@@ -193,6 +195,14 @@ def _build_state(values: list[Number], counter: int) -> PlannerState:
     return PlannerState(_PHASES[int(phase)], int(status), Restriction(int(restrictions)), path_scale, counter)
 
 
+def _build_singularity(values: list[Number], counter: int) -> SingularityReport:
+    kind, manifold, ks, as_, ss, sas = values
+    if kind not in _KINDS:
+        raise InvalidValueError(f"singularity.kind = {kind}: must be one of {sorted(_KINDS)}")
+    return SingularityReport(_KINDS[int(kind)], int(manifold), (ks, as_, ss, sas), counter)
+
+
+_KINDS = {int(kind): kind for kind in SingularityKind}
 _MODES = {int(mode): mode for mode in Mode}
 _PHASES = {int(phase): phase for phase in PlannerPhase}
 _DEVICES = devices()
@@ -239,4 +249,11 @@ TRACKED_POSE = MessageCodec[TrackedPose](
     _flat_tracked,
     _build_tracked,
 )
-MESSAGES: tuple[MessageCodec[Any], ...] = (TWIST, MISSION, PLANNER_STATE, REFERENCE, WRENCH, TRACKED_POSE)
+SINGULARITY = MessageCodec[SingularityReport](
+    SingularityReport,
+    _DEVICES[PLANNER_ID],
+    ("singularity",),
+    lambda message: [int(message.kind), message.manifold, *message.margins],
+    _build_singularity,
+)
+MESSAGES: tuple[MessageCodec[Any], ...] = (TWIST, MISSION, PLANNER_STATE, REFERENCE, WRENCH, TRACKED_POSE, SINGULARITY)

@@ -18,7 +18,8 @@ from drivers.tables.communication import (
     SYNC_PERIOD_US,
 )
 from drivers.tables.fast import EVENT_DRIVEN
-from stack.messages import Mode, PlannerPhase, Restriction
+from drivers.tables.planner import KIND_NAMES, MANIFOLD_NAMES
+from stack.messages import Mode, PlannerPhase, Restriction, SingularityKind
 
 STRATEGIC_PERIOD_MS = 20
 SYNC_PERIOD_MS = SYNC_PERIOD_US // 1000
@@ -76,6 +77,8 @@ _CONTROL_FLAGS = ((7, "fault_reset"), (8, "halt"))
 _CHOICES: dict[str, Mapping[int, str]] = {
     "mode": {mode.value: mode.name.lower() for mode in Mode},
     "phase": {phase.value: phase.name.lower() for phase in PlannerPhase},
+    "singularity_kind": {kind.value: kind.name.lower() for kind in SingularityKind},
+    "nearest_manifold": {0: "none known", **dict(enumerate(MANIFOLD_NAMES, 1))},
     "valid": {0: "no value", 1: "valid"},
     "modes_of_operation_display": OPERATION_MODES,
 }
@@ -83,6 +86,8 @@ _COMMENTS = {
     "checksum": "CRC-8 SAE J1850 over identifier (low byte, high byte) and the seven bytes before",
     "counter": "one up per message; frames of one message carry the same",
     "restrictions": "bits: " + ", ".join(f"{r.value.bit_length() - 1} {(r.name or '').lower()}" for r in Restriction),
+    "singularity_kind": "the kind whose margin is below object 2044h",
+    **{f"margin_{name}": "0 on a singularity of this kind, 1 far from any" for name in KIND_NAMES},
     "sync_count": "the pose shall be reached at this SYNC + 2",
     "torque_actual_value": "of the rated torque or force, 6076h",
     "torque_offset": "of the rated torque or force, 6076h",

@@ -15,6 +15,7 @@ import numpy as np
 from drivers.bus.base import Bus
 from drivers.canopen.nmt import ERROR_CONTROL_BASE, NMT_CAN_ID, NmtCommand, NmtState
 from drivers.canopen.node import CanopenNode, NodeApplication
+from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.configuration import DriveSettings
 from drivers.cia402.master import DriveMaster
 from drivers.cia402.phases import DriveEvent, MasterPhase
@@ -24,6 +25,7 @@ from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from drivers.planner_objects import PlannerObjects
 from drivers.publisher import Publisher, receive
+from drivers.singularity_watch import SingularityWatch
 from stack.messages import Mode, PlannerPhase, TrackedPose
 from stack.messages import PlannerState as StateMessage
 from stack.planner.drift import DriftEstimate
@@ -36,6 +38,8 @@ MISSION_TIMEOUT_NS = 150_000_000
 STANDSTILL = 2e-3
 """Joint velocity (rad/s, m/s) and platform rate below which the robot counts as at rest when it is to be switched off."""
 _STOP_LIMIT_NS = 3_000_000_000
+_STAY_OPERATIONAL = 1
+"""Value of 1029h:1 (CiA 301, error behaviour)."""
 
 OnEvent = Callable[[str, str], None]
 """(level, text) with level info, warning or error."""
@@ -59,6 +63,7 @@ class PlannerNode(NodeApplication):
         on_event: OnEvent,
         stopwatch: Callable[[], int] | None = None,
         sdo_gap_ns: int = 0,
+        times: MasterTimes | None = None,
     ) -> None:
         self.node = CanopenNode(device, clock, bus, self)
         self.cycle_ns: list[int] = []
@@ -81,7 +86,7 @@ class PlannerNode(NodeApplication):
         self._deadline: Timer | None = None
         self._commanded = self._followed = 0.0
         settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns)
-        self.master = DriveMaster(drives, self.node.line.send, clock, settings, on_event=self._on_drive_event)
+        self.master = DriveMaster(drives, self.node.line.send, clock, settings, times, self._on_drive_event)
         self._targets, self._efforts = np.zeros(len(drives)), np.zeros(len(drives))
         self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
         for can_id in sorted(self.master.can_ids):
@@ -91,6 +96,7 @@ class PlannerNode(NodeApplication):
         self._tracked = receive(self.node, TRACKED_POSE)
         self._state_out = Publisher(self.node, PLANNER_STATE)
         self._reference_out = Publisher(self.node, REFERENCE)
+        self._singularities = SingularityWatch(self.node, planner.arm)
         for node_id in others:
             self.node.subscribe(ERROR_CONTROL_BASE + node_id, self._on_other_heartbeat)
 
@@ -103,6 +109,8 @@ class PlannerNode(NodeApplication):
         """Boots, begins to send SYNC and to look for its drives."""
         self.node.power_on()
         self.node.dictionary.entry(0x1006).store(self._period_ns // 1000)
+        # A strategic node that has fallen silent is no reason to leave the drives alone: the planner stops and stays on the bus.
+        self.node.dictionary.entry(0x1029, 1).store(_STAY_OPERATIONAL)
         self.node.start()
         self.master.start()
 
@@ -151,6 +159,9 @@ class PlannerNode(NodeApplication):
         self.platform_cycles += outputs.platform_cycle
         self._progress(outputs)
         self._send(outputs)
+        # In the cycle before a platform cycle: as often, and what both cost does not add up.
+        if parameters.platform_cycle_due(self._state.cycle + 1):
+            self._singularities.update(outputs.q, self._sync_count)
         if self._stopwatch is not None:
             self.cycle_ns.append(self._stopwatch() - begin)
 
@@ -243,9 +254,7 @@ class PlannerNode(NodeApplication):
         )
         pose = outputs.X_RE if outputs.X_RE is not None else outputs.T_RE
         self._reference_out.publish(
-            ReferencePose(
-                pose[:3, 3], rotation_vector(pose), outputs.X_RE is not None, self._sync_count, counter
-            )
+            ReferencePose(pose[:3, 3], rotation_vector(pose), outputs.X_RE is not None, self._sync_count, counter)
         )
 
     def _on_drive_event(self, event: DriveEvent) -> None:

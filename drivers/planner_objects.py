@@ -59,6 +59,8 @@ class PlannerObjects:
         objects.set(table.COORDINATION, 0, int(self._initial.coordination))
         objects.set(table.NULL_SPACE_MOTION, 0, int(self._initial.null_space_motion))
         objects.set(table.JOINT_LIMIT_RULES, 0, int(self._initial.joint_limit_rules))
+        objects.set(table.REPULSION, 0, int(self._initial.repulsion))
+        objects.set(table.CIRCUMVENTION, 0, int(self._initial.circumvention))
         for index, name in _ARRAYS.items():
             for i, value in enumerate(getattr(wish, name)):
                 objects.set(index, i + 1, float(value))
@@ -71,6 +73,8 @@ class PlannerObjects:
         bind(table.COORDINATION, sink=lambda value: self._change(coordination=Coordination(int(value))))
         bind(table.NULL_SPACE_MOTION, sink=lambda value: self._change(null_space_motion=bool(value)))
         bind(table.JOINT_LIMIT_RULES, sink=lambda value: self._change(joint_limit_rules=bool(value)))
+        bind(table.REPULSION, sink=lambda value: self._change(repulsion=bool(value)))
+        bind(table.CIRCUMVENTION, sink=lambda value: self._change(circumvention=bool(value)))
 
     def _change(self, **fields: Any) -> None:
         self.parameters = replace(self.parameters, **fields)

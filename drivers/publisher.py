@@ -14,6 +14,7 @@ from drivers.frame_codec import CodecError
 
 M = TypeVar("M")
 _SYNCHRONOUS_MAX = 240
+LOG_RESOLUTION_NS = 1000
 
 
 class Publisher(Generic[M]):
@@ -60,7 +61,10 @@ class _Carrier:
 
 @dataclass(slots=True)
 class Receiver(Generic[M]):
-    """The last message of one kind. `rejected` counts frames that could not be read (length, checksum, value)."""
+    """The last message of one kind. `rejected` counts frames that could not be read (length, checksum, value).
+
+    `received_ns` is rounded down to whole microseconds, as logs are: what follows from it can be replayed from a log bit for bit.
+    """
 
     clock: Clock
     assembler: Assembler[M]
@@ -77,7 +81,7 @@ class Receiver(Generic[M]):
             return
         if message is not None:
             self.message = message
-            self.received_ns = frame.t_ns
+            self.received_ns = frame.t_ns - frame.t_ns % LOG_RESOLUTION_NS
 
     def fresh(self, timeout_ns: int) -> M | None:
         """The last message, or None when it is older than `timeout_ns` or was never received."""

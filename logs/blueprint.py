@@ -14,7 +14,7 @@ from stack.kinematics import ArmModel
 from stack.messages import Vector
 
 TIMELINE = "sim_time"
-_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "drives/all")
+_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "planner/singularity", "drives/all")
 
 
 def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
@@ -41,6 +41,8 @@ def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
         "Frames [1/s]": ("bus/frames_per_s",),
         "Singular values, arm": ("singular_values/arm",),
         "Singular values, robot": ("singular_values/robot",),
+        "Singularity margins by kind": ("singularity/margins",),
+        "Distance to singular manifolds [rad]": ("singularity/manifolds",),
         "Rotation error [mrad]": ("tcp/rotation_error_mrad",),
         "Tracker error [mm]": ("tracker/position_error_mm",),
         "Force at the gripper [N]": ("wrench/force",),
@@ -73,6 +75,12 @@ class Stage:
         margin = np.array([0.4, 0.4, 0.0])
         floor = np.minimum(low, [np.inf, np.inf, 0.0])
         return Stage(floor - margin, high + margin, side if float(reach @ side) >= -0.1 else -side)
+
+    def target_and_eye(self) -> tuple[Vector, Vector]:
+        """Where to look (3,) and from where (3,), so that all of it is in view."""
+        target = 0.5 * (self.low + self.high)
+        distance = 0.85 * float(np.linalg.norm(self.high - self.low)) + 0.3
+        return target, target + distance * np.append(0.85 * self.side, 0.5)
 
 
 START = Stage(np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]), np.array([0.42, -0.91]))
@@ -144,7 +152,14 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
         row_shares=[4, 1],
         name="Drives and bus",
     )
-    dexterity = rrb.Vertical(plot("Singular values, arm"), plot("Singular values, robot"), name="Singularities")
+    dexterity = rrb.Grid(
+        plot("Singularity margins by kind", low=-0.02, high=1.02),
+        plot("Distance to singular manifolds [rad]"),
+        plot("Singular values, arm"),
+        plot("Singular values, robot"),
+        grid_columns=2,
+        name="Singularities",
+    )
     task = rrb.Grid(
         plot("Rotation error [mrad]", legend=False),
         plot("Tracker error [mm]", legend=False),
@@ -166,9 +181,7 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
 
 
 def _scene(title: str, contents: Sequence[str], robot: str, stage: Stage) -> rrb.Spatial3DView:
-    target = 0.5 * (stage.low + stage.high)
-    distance = 0.85 * float(np.linalg.norm(stage.high - stage.low)) + 0.3
-    eye = target + distance * np.append(0.85 * stage.side, 0.5)
+    target, eye = stage.target_and_eye()
     so_far = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     )

@@ -53,8 +53,8 @@ class Way:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConfigurationMap:
-    """All of it. `span`: ((x from, to), (y from, to)); `limits`: where the horizontal joint has its limits; `ground`: x (a,), y (b,) and the
-    measure (b, a) there, drawn as shades; `wraps`: whether the vertical axis is a full turn."""
+    """All of it. `span`: ((x from, to), (y from, to)); `limits`: where the horizontal joint has its limits; `ground`: x (a,), y (b,) and
+    the measure (b, a) there, drawn as shades; `wraps`: whether the vertical axis is a full turn."""
 
     name: str
     title: str

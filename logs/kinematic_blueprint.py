@@ -65,7 +65,9 @@ def _plot(path: str, plot: Plot) -> rrb.TimeSeriesView:
         contents=[f"/{path}/**"],
         axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         axis_y=None if plot.span is None else rrb.ScalarAxis(range=plot.span),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=plot.legend),
+        plot_legend=rrb.PlotLegend(
+            rrb.Corner2D.RightTop if plot.legend_right else rrb.Corner2D.LeftTop, visible=plot.legend
+        ),
     )
 
 

@@ -22,6 +22,7 @@ def joint_plots(arm: ArmModel, recorded: Recorded) -> tuple[Plot, ...]:
             _each_joint(arm, trace, trace.velocity / arm.dq_max),
             limits=(-1.0, 1.0),
             legend=i == 0,
+            legend_right=True,
         )
         for i, trace in enumerate(recorded.traces)
     )

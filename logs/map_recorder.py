@@ -70,9 +70,7 @@ def _up(points: Points) -> Points:
     return points * [1.0, -1.0]
 
 
-def _lines(
-    stream: rr.RecordingStream, path: str, lines: Sequence[Points], color: palette.Color, radius: float
-) -> None:
+def _lines(stream: rr.RecordingStream, path: str, lines: Sequence[Points], color: palette.Color, radius: float) -> None:
     if lines:
         strips = rr.LineStrips2D([_up(line) for line in lines], colors=[color], radii=[-radius])
         stream.log(path, strips, static=True)

@@ -62,6 +62,11 @@ STATES: dict[str, Color] = {
     "operational": GOOD,
     "stopped": WARNING,
     "lost": BAD,
+    # kinds of singularity
+    "kinematic": BAD,
+    "algorithmic": WARNING,
+    "semi": BUSY,
+    "semi algorithmic": VIOLET,
     # restrictions
     "none": IDLE,
 }

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.tables.planner import MANIFOLD_NAMES
 from logs import palette
 from logs.palette import Color
-from logs.signals import Signal
+from logs.signals import Decimation, Signal
 from stack.kinematics import ArmModel
+from stack.planner.singularities import manifolds
 
 XYZ = ("x", "y", "z")
 # what is said first lies below and is drawn broader, so that all three are seen where they agree
@@ -57,6 +59,8 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         *(Series(f"manipulability/{name}", ("TCP", "wrist centre"), pair) for name, pair in _DEXTERITY_COLORS),
         Series("singular_values/arm", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
         Series("singular_values/robot", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
+        Series("singularity/margins", ("KS", "AS", "SS", "SAS"), _KIND_COLORS),
+        Series("singularity/manifolds", MANIFOLD_NAMES, palette.JOINTS),
         Series("planner/path_scale", ("path scale",), (palette.TRUE,)),
         Series("bus/load_percent", ("bus load",), (palette.MEASURED,)),
         Series("bus/frames_per_s", ("frames",), (palette.NEUTRAL,)),
@@ -73,6 +77,7 @@ class Plots:
     """Turns the signals of a block into the values of the plotted entities. `arm` gives limits; it is only read."""
 
     def __init__(self, arm: ArmModel) -> None:
+        self._arm, self._thin = arm, Decimation(_MANIFOLDS_HZ)
         self._names = arm.joint_names
         self._lower, self._upper, self._padding = arm.q_min, arm.q_max, arm.padding
         self._max_velocity = arm.dq_max
@@ -90,9 +95,24 @@ class Plots:
             both = signals["manipulability"]
             yield "manipulability/arm", Signal(both.t_ns, both.values[:, 0::2])
             yield "manipulability/robot", Signal(both.t_ns, both.values[:, 1::2])
+        if "singularity/margins" in signals:
+            margins = signals["singularity/margins"]
+            yield "singularity/margins", Signal(margins.t_ns, margins.values[:, :4])
+            yield from self._manifold_distances(signals)
         if "planner/state" in signals:
             state = signals["planner/state"]
             yield "planner/path_scale", Signal(state.t_ns, state.values[:, 3:4])
+
+    def _manifold_distances(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+        """Of the measured configuration, ten rows a second."""
+        actual = signals.get("joints/position/actual")
+        if actual is None:
+            return
+        whole = actual.complete()
+        rows = self._thin.due(whole.t_ns)
+        if len(rows):
+            values = np.array([list(manifolds(self._arm, q).values()) for q in whole.values[rows]])
+            yield "singularity/manifolds", Signal(whole.t_ns[rows], values)
 
     def _error(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
         error = signals.get("tcp/error")
@@ -133,6 +153,8 @@ class Plots:
             yield f"joints/each/{name}", Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits]))
 
 
+_MANIFOLDS_HZ = 10.0
+_KIND_COLORS = (palette.LIMIT, palette.COMMANDED, palette.MEASURED, palette.VIOLET)
 _DEXTERITY_COLORS = (
     ("arm", (palette.COMMANDED, palette.JOINTS[7])),
     ("robot", (palette.MEASURED, palette.VIOLET)),

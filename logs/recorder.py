@@ -16,13 +16,14 @@ from logs.events import Event
 from logs.plots import Plots, all_series
 from logs.scene import Scene
 from logs.signals import DecodedBlock, Ints, StateChange
+from logs.states import SINGULARITIES
 from stack.kinematics import ArmModel
 from stack.messages import Vector
 
 APPLICATION = "canipulator"
 FLUSH_TIMEOUT_S = 2.0
 RESTRICTIONS = "planner/restrictions"
-STATE_LANES = ("mission/mode", "mission/step", "planner/phase", RESTRICTIONS, "drives/all")
+STATE_LANES = ("mission/mode", "mission/step", "planner/phase", RESTRICTIONS, SINGULARITIES, "drives/all")
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,12 @@ class RunLog:
 
     Give `on_frame` to `Bus.observe`, and call `on_truth` and `on_event` from the loop. Blocks of about a second go to a daemon
     thread that decodes them, writes `events.log` and, unless `recording` is None, the Rerun file. Everything is decoded into the
-    table in any case. With `wait` (lockstep) the loop is held up at a block's end while `QUEUED_BLOCKS` are waiting, and nothing is
-    lost; without (real time) a block that comes too late for the Rerun file is left out of it and counted in `dropped_blocks`.
+    table in any case. With `wait` (lockstep) the loop stands still while the thread works on a block, and nothing is lost: side by
+    side they would take the interpreter away from each other, which costs both more than it saves. Without (real time) a block
+    that comes too late for the Rerun file is left out of it and counted in `dropped_blocks`.
+
+    With `postpone` the thread begins when the run is over: in real time it would take the interpreter away from the loop for longer
+    than a SYNC period. What has been heard stays in memory until then, about 1 MB per second of run.
 
     With `compact` a recording that is complete is rewritten a third smaller by `close` (0.1 s per MB at most).
 
@@ -50,6 +54,7 @@ class RunLog:
         recording: Path | None,
         event_log: Path | None,
         wait: bool = True,
+        postpone: bool = False,
         compact: bool = True,
         block_ns: int = 1_000_000_000,
     ) -> None:
@@ -67,7 +72,8 @@ class RunLog:
         self._dexterity = Dexterity(arm)
         self._events = EventLog(event_log) if event_log is not None else None
         self._queue: SimpleQueue[tuple[Block, bool] | None] = SimpleQueue()
-        self._room = threading.Semaphore(QUEUED_BLOCKS) if wait else None
+        self._block_done = threading.Semaphore(0) if wait and not postpone else None
+        self._may_drop = not wait and not postpone
         self._decoder_fault: Exception | None = None
         self._last_ns = 0
         self.table = SignalTable()
@@ -84,7 +90,8 @@ class RunLog:
         self._closed = False
         self._compact = recording if compact else None
         self._thread = threading.Thread(target=self._work, name="run-log", daemon=True)
-        self._thread.start()
+        if not postpone:
+            self._thread.start()
 
     def on_truth(self, truth: Truth) -> None:
         """One sample at a SYNC."""
@@ -108,15 +115,17 @@ class RunLog:
             self._closed = True
             self._tape.cut()
             self._queue.put(None)
+            if self._thread.ident is None:
+                self._thread.start()
             self._thread.join()
         if self._decoder_fault is not None:
             raise self._decoder_fault
         return self.table
 
     def _hand_over(self, block: Block) -> None:
-        if self._room is not None:
-            self._room.acquire()
         self._queue.put((block, self._closed))
+        if self._block_done is not None:
+            self._block_done.acquire()
 
     def _work(self) -> None:
         while (entry := self._queue.get()) is not None:
@@ -127,8 +136,8 @@ class RunLog:
             except Exception as fault:  # the loop must not notice, `close` raises it
                 self._decoder_fault = fault
             finally:
-                if self._room is not None:
-                    self._room.release()
+                if self._block_done is not None:
+                    self._block_done.release()
         self._finish()
 
     def _take(self, block: Block, last: bool) -> None:
@@ -142,7 +151,7 @@ class RunLog:
             self._last_ns = max(self._last_ns, int(decoded.signals["sync"].t_ns[-1]))
         if self._recorder is None:
             return
-        if self._room is None and self._queue.qsize() > QUEUED_BLOCKS:
+        if self._may_drop and self._queue.qsize() > QUEUED_BLOCKS:
             self.dropped_blocks += 1
             if self.dropped_blocks == 1:
                 self._note(Level.WARN, "cannot keep up: blocks are left out of run.rrd")

@@ -13,6 +13,7 @@ Signals that the decoder makes from frames and truth, all in SI units. "cycle" r
 | `reference/pose` | x y z, rotation vector, in the frame R | SYNC + 2 T, valid ones only |
 | `reference/segment` | counts from 1, one more for each time that references become valid | as `reference/pose` |
 | `planner/state` | phase, status, restrictions, path scale | frame |
+| `singularity/margins` | KS, AS, SS, SAS; kind, nearest manifold | frame |
 | `mission` | mode, step | frame |
 | `twist/linear`, `twist/angular`, `wrench/force`, `wrench/torque` | x y z | frame |
 | `tracker/position`, `tracker/rotation_vector`, `tracker/age` | x y z; s | frame |

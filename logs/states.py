@@ -12,10 +12,11 @@ from drivers.cia402.states import State, state_of
 from logs.events import Event, Level
 from logs.frame_batch import FrameBatch, Ints
 from logs.signals import Signal, StateChange
-from stack.messages import Mode, PlannerPhase, Restriction
+from stack.messages import Mode, PlannerPhase, Restriction, SingularityKind
 
 HEARTBEAT_TIMEOUT_NS = 350_000_000
 NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
+SINGULARITIES = "planner/singularity"
 LOST, UNKNOWN = "lost", "unknown"
 
 # from the most able drive to the gravest state
@@ -90,6 +91,7 @@ class StateDecoder:
         changes = [
             *self._mission(signals),
             *self._planner(signals),
+            *self._singularities(signals),
             *self._drive_states(signals),
             *self._heartbeats(batch),
         ]
@@ -126,6 +128,12 @@ class StateDecoder:
             "planner/phase", planner.t_ns, codes[:, 0], lambda code: _enum_text(PlannerPhase, code)
         )
         yield from self._changes("planner/restrictions", planner.t_ns, codes[:, 2], restriction_text)
+
+    def _singularities(self, signals: Mapping[str, Signal]) -> Iterable[StateChange]:
+        margins = signals.get("singularity/margins")
+        if margins is not None:
+            codes = margins.values[:, 4].astype(np.int64)
+            yield from self._changes(SINGULARITIES, margins.t_ns, codes, lambda code: _enum_text(SingularityKind, code))
 
     def _drive_states(self, signals: Mapping[str, Signal]) -> Iterable[StateChange]:
         words = signals.get("drives/statusword")
@@ -204,7 +212,7 @@ def _event_of(change: StateChange) -> Event | None:
     return None
 
 
-def _enum_text(kind: type[Mode] | type[PlannerPhase], code: int) -> str:
+def _enum_text(kind: type[Mode] | type[PlannerPhase] | type[SingularityKind], code: int) -> str:
     try:
         return _text(kind(code))
     except ValueError:

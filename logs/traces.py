@@ -87,6 +87,7 @@ class Plot:
     span: tuple[float, float] | None = None
     tab: str | None = None
     legend: bool = True
+    legend_right: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -53,6 +53,7 @@ class ForceSensor:
         if not np.allclose(pose_E[:3, :3], np.eye(3)):
             raise ValueError(f"{physics.urdf}: {names.gripper} and {names.tcp} must have parallel frames")
         self._weight = np.array([0.0, 0.0, -physics.parameters.gravity]) * self.mass
+        self._spread = np.repeat([parameters.force_noise_n, parameters.torque_noise_nm], 3)
         self._sum: Vector = np.zeros(6)
         self._before, _ = self._momentum()
         self._steps = 1
@@ -83,8 +84,7 @@ class ForceSensor:
         self._before = momentum
         self._sum[:] = 0.0
         self._steps = 0
-        spread = np.repeat([self.parameters.force_noise_n, self.parameters.torque_noise_nm], 3)
-        noise = spread * self._random.standard_normal(6)
+        noise = self._spread * self._random.standard_normal(6)
         self._last = np.concatenate([rotation.T @ wrench[:3], rotation.T @ wrench[3:]]) + noise
         return self._last.copy()
 

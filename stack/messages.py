@@ -61,6 +61,27 @@ class Restriction(IntFlag):
     INFEASIBLE = 1 << 15
 
 
+class SingularityKind(IntEnum):
+    """Kinds of singularity (Park, Chang, Lee), as the planner's object 2041h and its singularity frame number them."""
+
+    NONE = 0
+    KINEMATIC = 1
+    ALGORITHMIC = 2
+    SEMI = 3
+    SEMI_ALGORITHMIC = 4
+
+
+@dataclass(frozen=True, slots=True)
+class SingularityReport:
+    """What the planner's singularity monitor says: the kind that the robot is within the named radius of, the nearest known manifold
+    (1: the first of the robot's, 0: none known), margins in [0, 1] of KS, AS, SS, SAS (see `stack.planner.monitor`)."""
+
+    kind: SingularityKind
+    manifold: int
+    margins: tuple[float, float, float, float]
+    counter: int
+
+
 @dataclass(frozen=True, slots=True)
 class TwistCommand:
     """Commanded TCP twist in the commanded end-point frame, (6,) `[v; ω]`; platform only: v[0] and ω[2] of the platform."""

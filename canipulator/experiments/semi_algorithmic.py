@@ -69,7 +69,7 @@ class SemiAlgorithmic:
         """Raises ConfigError where there is no optimum near a start."""
         table, cycle_s = self._scenario.experiment, self._scenario.cycle_s
         end_s = min(table.lap_s, duration_s or math.inf)
-        t_s = cycle_s * np.arange(round(end_s / cycle_s) + 1)
+        t_s: Vector = cycle_s * np.arange(round(end_s / cycle_s) + 1, dtype=np.float64)
         self._tracked(t_s[:2], table.start_maximise_deg, maximise=True)  # compiles, where nothing is cached yet
         began = time.perf_counter_ns()
         best = self._tracked(t_s, table.start_maximise_deg, maximise=True)

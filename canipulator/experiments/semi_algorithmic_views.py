@@ -43,7 +43,8 @@ class Ways:
 
     def named(self) -> Iterator[tuple[str, Vector, Matrix]]:
         """(name, t, q) of each."""
-        for name, way in zip(_NAMES, (self.best, self.least, self.climbing, self.falling), strict=True):
+        ways: tuple[Track | VelocityTrack, ...] = (self.best, self.least, self.climbing, self.falling)
+        for name, way in zip(_NAMES, ways, strict=True):
             yield name, way.t, way.q
 
 
@@ -91,11 +92,14 @@ def _loci(x: Vector, y: Vector, optimality: Array, curvature: Array) -> Iterator
 
 def _marks(points: Sequence[SingularPoint]) -> Iterator[Marks]:
     for kind, (short, color, symbol) in _KINDS.items():
-        chosen = [np.degrees(point.q) for point in points if point.kind is kind]
-        inside = [np.degrees(point.q) for point in points if point.kind is kind and point.inside]
+        chosen = [point for point in points if point.kind is kind and point.regular]
+        inside = sum(point.inside for point in chosen)
         if chosen:
             text = kind.name.lower().replace("_", " ")
-            yield Marks(f"{short} {text}, {len(inside)} inside", color, symbol, np.array(chosen))
+            yield Marks(f"{short} {text}, {inside} inside", color, symbol, np.degrees([point.q for point in chosen]))
+    still = [point.q for point in points if point.kind is Kind.ALGORITHMIC and not point.regular]
+    if still:
+        yield Marks("AS* H constant along the self-motion", palette.NEUTRAL, "d", np.degrees(still))
 
 
 def plots_of(

@@ -27,6 +27,7 @@ def wrist_plots(
             (Curve("angle", t_s, np.degrees(rotation), palette.COMMANDED, 3.0), *turns),
             limits=bound,
             limit_label="bound",
+            legend_right=True,
         ),
         Plot(
             "Translation error [µm]",
@@ -39,7 +40,7 @@ def wrist_plots(
             span=(-0.05, 1.05),
             legend=False,
         ),
-        Plot("Axes 4 and 6 [°]", _wrist_axes(arm, judged, closed), legend=True),
+        Plot("Axes 4 and 6 [°]", _wrist_axes(arm, judged, closed)),
         Plot(
             "Axis 5 [°]",
             (
@@ -48,6 +49,7 @@ def wrist_plots(
             ),
             limits=(0.0,),
             limit_label="singular",
+            legend_right=True,
         ),
     )
 

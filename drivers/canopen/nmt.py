@@ -58,6 +58,8 @@ class NmtSlave:
         self.state = NmtState.INITIALISING
         self.operational = False
         """PDOs are sent and taken."""
+        self.communicating = False
+        """SDO, EMCY and SYNC are alive: pre-operational or operational."""
         self.locked = False
         self._node_id = node_id
         self._clock = clock
@@ -66,11 +68,6 @@ class NmtSlave:
         self._on_reset = on_reset
         self._retry: Timer | None = None
         line.listen(NMT_CAN_ID, self._on_frame)
-
-    @property
-    def communicating(self) -> bool:
-        """SDO, EMCY and SYNC are alive: pre-operational or operational."""
-        return self.state is NmtState.OPERATIONAL or self.state is NmtState.PRE_OPERATIONAL
 
     def command(self, command: NmtCommand) -> None:
         """Does what a master's frame would do; a master node uses it on itself."""
@@ -84,6 +81,7 @@ class NmtSlave:
         if state is not self.state:
             self.state = state
             self.operational = state is NmtState.OPERATIONAL
+            self.communicating = state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
             self._on_state(state)
 
     def reset(self, whole: bool) -> None:
@@ -96,7 +94,7 @@ class NmtSlave:
     def power_off(self) -> None:
         """Nothing is pending afterwards; `reset` begins again."""
         self.state = NmtState.INITIALISING
-        self.operational = False
+        self.operational = self.communicating = False
         if self._retry is not None:
             self._retry.cancel()
 

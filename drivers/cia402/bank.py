@@ -144,7 +144,7 @@ class DriveBank:
         A SYNC comes as late as the bus is busy. As long as that is less than a tick, segments follow each other at
         exactly their period; a drift beyond is followed slowly, so that jitter does not get into the velocity.
         """
-        sync_ns, dt_ns = self._sync_ns, self.dt_ns
+        sync_ns, dt_ns = min(self._sync_ns, t_ns), self.dt_ns  # a tick that is made up for in real time may be older
         periods = (sync_ns - self._segment_ns + period_ns // 2) // period_ns
         if not 1 <= periods <= SUSPICIOUS_PERIODS:
             self._segment_ns = t_ns - -(-(t_ns - sync_ns) // dt_ns) * dt_ns

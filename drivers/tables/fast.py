@@ -32,6 +32,8 @@ class FastFrame:
     index: int
     signals: tuple[Signal, ...]
     transmission_type: int = EVENT_DRIVEN
+    cob_id: int | None = None
+    """Identifier where it is not that of the predefined connection set, which has none for a fifth TPDO."""
 
 
 def vector(names: str, data_type: DataType, unit: str, scale: float) -> tuple[Signal, ...]:
@@ -53,7 +55,7 @@ def fast_device(
     for frame in frames:
         record, mapping = _record(frame)
         objects += record
-        cob_id = COB_TPDO[frame.number - 1] + node_id
+        cob_id = COB_TPDO[frame.number - 1] + node_id if frame.cob_id is None else frame.cob_id
         pdos.append(
             PdoDef(
                 PdoKind.TPDO,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivers.objects import Access, DataType, DeviceDef, ObjectDef
 from drivers.tables.communication import U8, U16, Identity, array
 from drivers.tables.fast import FastFrame, Signal, fast_device, vector
+from stack.messages import SingularityKind
 from stack.planner.parameters import Coordination, Method
 
 I16, I24, REAL32 = DataType.INTEGER16, DataType.INTEGER24, DataType.REAL32
@@ -15,15 +16,23 @@ PATH_SCALE_ONE = 65535
 
 JOINT_NAMES = tuple(f"joint {i}" for i in range(1, 9))
 WEIGHT_NAMES = (*JOINT_NAMES, "platform v", "platform omega")
+MANIFOLD_NAMES = ("L1", "L2", "L3", "L4", "F1", "F2", "F3p", "F3m")
+"""Of the robot's singular manifolds, in the order of `stack.planner.singularities.manifolds`."""
+KIND_NAMES = ("KS", "AS", "SS", "SAS")
+SINGULARITY_COB_ID = 0x4E2
+"""TPDO 5 has no identifier of its own; this is TPDO 4 of node 98, which nobody is, and yields to all that control needs."""
+MARGIN_SCALE = 1 / 255
 PREFERENCE_NAMES = (*JOINT_NAMES, "unused 9", "unused 10")
 
 
 MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE, JOINT_LIMIT_RULES = range(
     0x2000, 0x2009
 )
+REPULSION, CIRCUMVENTION = range(0x2009, 0x200B)
 PREFERRED_CONFIGURATION, HEIGHTS, WIDTHS, WEIGHTS, PLATFORM = range(0x2010, 0x2015)
 CONFIGURATION, TCP_POSITION, TCP_ROTATION_VECTOR = range(0x2020, 0x2023)
 SINGULAR_VALUES, MANIPULABILITY = range(0x2030, 0x2032)
+SINGULARITY_MARGINS, SINGULARITY_KIND, NEAREST_MANIFOLD, MANIFOLD_MARGINS, SINGULARITY_RADIUS = range(0x2040, 0x2045)
 PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD = range(1, 5)
 """Sub-indices of 2014h."""
 LEAST_WIDTH, LEAST_WEIGHT = 1e-3, 1e-4
@@ -49,6 +58,17 @@ FRAMES = (
         (Signal("z", I24, "m", POSITION_SCALE_M), Signal("valid", U8, high=1), Signal("sync_count", U16)),
     ),
     FastFrame(4, "reference_rotation", 0x2104, vector("rx ry rz", I16, "rad", ROTATION_SCALE_RAD)),
+    FastFrame(
+        5,
+        "singularity",
+        0x2105,
+        (
+            Signal("singularity_kind", U8, key=(SINGULARITY_KIND, 0)),
+            Signal("nearest_manifold", U8, key=(NEAREST_MANIFOLD, 0)),
+            *vector(" ".join(f"margin_{name}" for name in KIND_NAMES), U8, "", MARGIN_SCALE),
+        ),
+        cob_id=SINGULARITY_COB_ID,
+    ),
 )
 
 
@@ -67,6 +87,8 @@ def _parameters() -> list[ObjectDef]:
         ObjectDef(RESTRICTIONS, 0, "Restrictions", U16, Access.RO, 0, mappable=True),
         ObjectDef(NULL_SPACE_MOTION, 0, "Null space motion", U8, Access.RW, 1, low=0, high=1),
         ObjectDef(JOINT_LIMIT_RULES, 0, "Joint limit rules", U8, Access.RW, 1, low=0, high=1),
+        ObjectDef(REPULSION, 0, "Repulsion", U8, Access.RW, 0, low=0, high=1),
+        ObjectDef(CIRCUMVENTION, 0, "Circumvention", U8, Access.RW, 0, low=0, high=1),
         ObjectDef(STATUS, 0, "Status", U8, Access.RO, 0, mappable=True),
         ObjectDef(PATH_SCALE, 0, "Path scale", U16, Access.RO, PATH_SCALE_ONE, mappable=True, scale=1 / PATH_SCALE_ONE),
         # joint 2 is the lift: metres where the others have radians
@@ -79,5 +101,10 @@ def _parameters() -> list[ObjectDef]:
         *array(TCP_POSITION, "TCP position", ("x", "y", "z"), REAL32, access=Access.RO, unit="m"),
         *array(TCP_ROTATION_VECTOR, "TCP rotation vector", ("x", "y", "z"), REAL32, access=Access.RO, unit="rad"),
         *array(SINGULAR_VALUES, "Singular values", [f"sigma {i}" for i in range(1, 7)], REAL32, access=Access.RO),
+        *array(SINGULARITY_MARGINS, "Singularity margins", KIND_NAMES, REAL32, access=Access.RO),
+        ObjectDef(SINGULARITY_KIND, 0, "singularity_kind", U8, Access.RO, 0, mappable=True, high=max(SingularityKind)),
+        ObjectDef(NEAREST_MANIFOLD, 0, "nearest_manifold", U8, Access.RO, 0, mappable=True, high=len(MANIFOLD_NAMES)),
+        *array(MANIFOLD_MARGINS, "Manifold margins", MANIFOLD_NAMES, REAL32, access=Access.RO, unit="rad"),
+        ObjectDef(SINGULARITY_RADIUS, 0, "Singularity radius", REAL32, Access.RW, 0.1, low=0.0, high=1.0),
         *array(MANIPULABILITY, "Manipulability", ("arm", "robot"), REAL32, access=Access.RO),
     ]

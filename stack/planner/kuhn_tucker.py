@@ -20,7 +20,8 @@ from scipy.optimize import brentq
 
 from stack.messages import Matrix, Vector
 from stack.planner.measures import Measure
-from stack.planner.monitor import Kind, joint_limits, margins, projected_curvature
+from stack.planner.monitor import Kind, joint_limits, margins
+from stack.planner.monitor_kernels import projected_curvature
 
 _TOLERANCE = 1e-13
 _ROUNDS = 30
@@ -122,9 +123,7 @@ class KuhnTuckerTracker:
         left = [i for i in active if self._direction * self._pressure(after, active)[i] < 0.0]
         if not reached and not left:
             return None
-        when, i = min(
-            (self._when(t, q, active, path, target, self._crossing(i, active)), i) for i in (*reached, *left)
-        )
+        when, i = min((self._when(t, q, active, path, target, self._crossing(i, active)), i) for i in (*reached, *left))
         there = self._solve(q, path.position(when), active)
         there = q if there is None else there
         if i in reached:

@@ -1,4 +1,4 @@
-"""Finds every singular point of a robot with one redundant freedom whose measure depends on two joints: the plane of those joints, searched.
+"""Every singular point of a robot with one redundant freedom whose measure depends on two joints: a search of their plane.
 
 For pictures, for tests of the monitor, and for choosing a path; not for a control cycle. Source of the kinds: see `monitor`.
 """
@@ -16,7 +16,8 @@ from scipy.optimize import brentq
 from stack.messages import Matrix, Vector
 from stack.planner.jacobian_derivative import Tensor
 from stack.planner.measures import Local, Measure
-from stack.planner.monitor import Kind, projected_curvature
+from stack.planner.monitor import Kind
+from stack.planner.monitor_kernels import projected_curvature
 from stack.servo.compiled import compiled
 
 _STEP = 1e-6
@@ -154,9 +155,7 @@ def _oriented(
 ) -> tuple[float, float, float, Vector]:
     """√det(J Jᵀ), z·h, its derivative along z, and z (n,) with det [J; z] > 0."""
     n = gradient.shape[0]
-    null, rows, _ = projected_curvature(
-        jacobian, derivative, gradient, hessian, np.zeros((0, n)), np.zeros((0, n, n))
-    )
+    null, rows, _ = projected_curvature(jacobian, derivative, gradient, hessian, np.zeros((0, n)), np.zeros((0, n, n)))
     square = np.empty((n, n))
     square[: n - 1] = jacobian
     square[n - 1] = null[0]

@@ -80,7 +80,11 @@ def test_no_identifier_has_two_senders():
 def test_identifiers_follow_the_predefined_connection_set(device):
     bases = {PdoKind.TPDO: 0x180, PdoKind.RPDO: 0x200}
     for pdo in device.pdos:
-        assert pdo.cob_id == bases[pdo.kind] + 0x100 * (pdo.number - 1) + device.node_id
+        if pdo.number <= 4:
+            assert pdo.cob_id == bases[pdo.kind] + 0x100 * (pdo.number - 1) + device.node_id
+        else:  # the set has four; the identifier of a node that does not exist
+            assert pdo.cob_id & 0x7F not in TABLE
+            assert 0x180 <= pdo.cob_id < 0x580
         index = {PdoKind.TPDO: 0x1800, PdoKind.RPDO: 0x1400}[pdo.kind] + pdo.number - 1
         word = device.object(index, 1).default
         assert word & 0x7FF == pdo.cob_id

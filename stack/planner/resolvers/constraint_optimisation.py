@@ -22,7 +22,8 @@ import numpy as np
 from stack.messages import Matrix, Vector
 
 _OPTIMAL = 1
-_LAST_RESORT = 1e4
+_LAST_RESORT = 1e3
+_RANK, _CONTRADICTION = 1e-9, 1e-10
 _NOTHING = 1e-12
 _EXCESS_COST = 10.0
 """Of each rad beyond the error bound, linear, so that the bound is exceeded by no more than it must; small against `patience` times
@@ -129,23 +130,44 @@ def _solve(
     hold_time: bool,
     hold_bound: bool,
 ) -> Vector | None:
-    """(Δq, ϑ) with the exact rows held, or None where that is impossible. hold_time: ϑ = 0; hold_bound: s = 0."""
-    n = low.size
-    hessian, gradient = np.eye(n + 2), np.full(n + 2, _EXCESS_COST)
-    hessian[:-1, :-1], gradient[:-1] = cost
-    rows = np.column_stack([exact[0], exact[2], np.zeros(exact[1].size)])
-    lower, upper = exact[1], exact[1]
-    equalities = lower.size
+    """(Δq, ϑ) with the exact rows held, or None where that is impossible. hold_time: ϑ = 0; hold_bound: s = 0.
+
+    In coordinates (w, s) of the null space of the exact rows, y = y0 + N w: they hold to rounding whatever the solver's tolerance, and
+    the solver sees a well-conditioned Hessian (with the rows left in, daqp takes feasible problems for infeasible ones).
+    """
+    n, unknowns = low.size, low.size + (0 if hold_time else 1)
+    base = _null_space(np.column_stack([exact[0], exact[2]])[:, :unknowns], exact[1])
+    if base is None:
+        return None
+    start, free = base
+    low, high = np.append(low, 0.0)[:unknowns], np.append(high, 1.0)[:unknowns]
+    hessian, gradient = cost[0][:unknowns, :unknowns], cost[1][:unknowns]
+    k = free.shape[1]
+    reduced, slope = np.eye(k + 1), np.full(k + 1, _EXCESS_COST)
+    reduced[:k, :k], slope[:k] = free.T @ hessian @ free, free.T @ (hessian @ start + gradient)
+    rows, lower, upper = np.column_stack([free, np.zeros(unknowns)]), low - start, high - start
     if np.isfinite(error_bound):
-        jacobian, error, change = approximate
-        ones = np.ones(error.size)
-        rows = np.vstack([rows, np.column_stack([jacobian, change, -ones]), np.column_stack([jacobian, change, ones])])
-        lower = np.concatenate([lower, np.full(error.size, -np.inf), error - error_bound])
-        upper = np.concatenate([upper, error + error_bound, np.full(error.size, np.inf)])
-    box_low = np.concatenate([low, [0.0, 0.0], lower])
-    box_high = np.concatenate([high, [0.0 if hold_time else 1.0, 0.0 if hold_bound else np.inf], upper])
-    y = _minimise(hessian, gradient, rows, box_low, box_high, equalities)
-    return None if y is None else y[:-1]
+        turning = np.column_stack([approximate[0], approximate[2]])[:, :unknowns]
+        left = approximate[1] - turning @ start
+        ones, open_end = np.ones(left.size), np.full(left.size, np.inf)
+        turning = turning @ free
+        rows = np.vstack([rows, np.column_stack([turning, -ones]), np.column_stack([turning, ones])])
+        lower = np.concatenate([lower, -open_end, left - error_bound])
+        upper = np.concatenate([upper, left + error_bound, open_end])
+    no_end = np.full(k, np.inf)
+    box_low, box_high = np.append(-no_end, 0.0), np.append(no_end, 0.0 if hold_bound else np.inf)
+    w = _minimise(reduced, slope, rows, np.append(box_low, lower), np.append(box_high, upper))
+    return None if w is None else np.append(start + free @ w[:k], np.zeros(n + 1 - unknowns))
+
+
+def _null_space(rows: Matrix, values: Vector) -> tuple[Vector, Matrix] | None:
+    """(y0, N) such that y0 + N w are all y with `rows·y = values`; None where the rows contradict each other."""
+    u, sigma, vt = np.linalg.svd(rows)
+    rank = int(np.sum(sigma > _RANK * sigma.max(initial=0.0)))
+    start: Vector = vt[:rank].T @ ((u[:, :rank].T @ values) / sigma[:rank])
+    if np.abs(rows @ start - values).max(initial=0.0) > _CONTRADICTION:
+        return None
+    return start, vt[rank:].T
 
 
 def _solve_soft(
@@ -163,24 +185,19 @@ def _solve_soft(
     hessian = hessian + rows.T @ rows
     gradient = gradient - rows.T @ (weight * exact[1])
     n = low.size
-    y = _minimise(hessian, gradient, np.zeros((0, n + 1)), np.append(low, 1.0), np.append(high, 1.0), 0)
+    y = _minimise(hessian, gradient, np.zeros((0, n + 1)), np.append(low, 1.0), np.append(high, 1.0))
     return np.append(np.clip(np.zeros(n), low, high), 1.0) if y is None else y
 
 
-def _minimise(
-    hessian: Matrix, gradient: Vector, rows: Matrix, lower: Vector, upper: Vector, equalities: int
-) -> Vector | None:
-    """Bounds of all unknowns first in `lower` and `upper`, then those of the rows, the first `equalities` of which are equalities."""
-    n = gradient.size
-    sense = np.zeros(lower.size, dtype=np.int32)
-    sense[n : n + equalities] = 5
+def _minimise(hessian: Matrix, gradient: Vector, rows: Matrix, lower: Vector, upper: Vector) -> Vector | None:
+    """Bounds of all unknowns first in `lower` and `upper`, then those of the rows. None where they cannot be met."""
     solution, _, flag, _ = daqp.solve(
         np.ascontiguousarray(hessian),
         np.ascontiguousarray(gradient),
         np.ascontiguousarray(rows),
         np.clip(upper, -1e30, 1e30),
         np.clip(lower, -1e30, 1e30),
-        sense,
+        np.zeros(lower.size, dtype=np.int32),
         primal_tol=1e-12,
         iter_limit=200,
     )

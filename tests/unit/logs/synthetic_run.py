@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.catalogue import JOINT_IDS, WHEEL_IDS, devices
-from drivers.codec import MISSION, PLANNER_STATE, REFERENCE, TRACKED_POSE, TWIST, WRENCH, ReferencePose
+from drivers.codec import MISSION, PLANNER_STATE, REFERENCE, SINGULARITY, TRACKED_POSE, TWIST, WRENCH, ReferencePose
 from drivers.drive_codec import DriveCodec
 from drivers.frame import Frame
 from stack.kinematics import ArmModel, extended_jacobian
@@ -26,6 +26,8 @@ from stack.messages import (
     PlannerPhase,
     PlannerState,
     Restriction,
+    SingularityKind,
+    SingularityReport,
     TrackedPose,
     Truth,
     TwistCommand,
@@ -138,6 +140,9 @@ class Wire:
         restrictions = Restriction.JOINT_2 | Restriction.VELOCITY if k % 700 > 600 else Restriction.NONE
         scale = 0.6 if k % 700 > 600 else 1.0
         yield from PLANNER_STATE.encode(PlannerState(phase, 1 if restrictions else 0, restrictions, scale, k % 256))[0]
+        if k % 5 == 0:
+            kind = SingularityKind.SEMI if k % 700 > 600 else SingularityKind.NONE
+            yield from SINGULARITY.encode(SingularityReport(kind, 5, (0.5, 0.25, 0.05, 1.0), k % 256))[0]
         commanded = truth.pose_WE.copy()
         commanded[:3, 3] -= self._run.error[min(k + 2, len(self._run.truths) - 1)]
         in_R = self._world_to_R @ commanded

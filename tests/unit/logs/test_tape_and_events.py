@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from drivers.frame import Frame
 from logs.dexterity import Dexterity
 from logs.events import Event, EventLog, Level
-from logs.figures import save_figures
-from logs.signals import Decimation, Signal, SignalTable
+from logs.signals import Decimation, Signal
 from logs.tape import Block, Tape
 from stack.kinematics import ArmModel, extended_jacobian
 from stack.kinematics.manipulability import manipulability, velocity_ellipsoid
@@ -77,11 +76,3 @@ def test_dexterity_is_that_of_the_kinematics(run: Motion) -> None:
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:
     return Rotation.from_quat(quaternion).as_matrix()
-
-
-def test_figures_are_written_for_what_was_measured(table: SignalTable, tmp_path: Path) -> None:
-    arm = ArmModel.load("moma8")
-    written = save_figures(table, arm, tmp_path / "figures", "test")
-    assert [path.name for path in written] == ["path.png", "error.png", "manipulability.png", "joints.png"]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
-    assert save_figures(SignalTable(), arm, tmp_path / "none") == []

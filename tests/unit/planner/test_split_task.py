@@ -135,7 +135,7 @@ def test_time_gives_way_before_translation_and_the_hand_stays_on_its_path(arm: A
         pose[:3] = rotation_exp([0.0, 0.0, -2.2 * smooth(t / 1.1)]) @ start[:3]
         return pose
 
-    steps = run(arm, SplitTask(CYCLE), REGULAR, path, 2.5)
+    steps = run(arm, SplitTask(CYCLE), REGULAR, path, 4.0)
     slowed = [step for step in steps if GaveWay.TIME in step.gave_way]
     assert len(slowed) > 10
     assert all("path slowed down by" in step.message for step in slowed)
@@ -146,6 +146,30 @@ def test_time_gives_way_before_translation_and_the_hand_stays_on_its_path(arm: A
         assert np.hypot(*position[:2]) == pytest.approx(np.hypot(*start[:2, 3]), abs=1e-5), "it left the path"
         assert position[2] == pytest.approx(start[2, 3], abs=1e-5)
     assert np.linalg.norm(pose_difference(path(2.0), arm.pose(steps[-1].q))) < 1e-6, "it did not arrive"
+
+
+def test_a_task_that_holds_exactly_in_all_rows_is_only_slowed_down(arm: ArmModel) -> None:
+    path = path_from(arm.pose(REGULAR), [0.0, 0.0, 0.0], [0.0, 0.0, -1.8], 0.7)
+    steps = run(arm, SplitTask(CYCLE, exact=(True,) * 6), REGULAR, path, 2.5)
+    assert {step.gave_way for step in steps} == {GaveWay.NOTHING, GaveWay.TIME}
+    assert max(np.linalg.norm(step.error) for step in steps) < 1e-4
+    assert np.linalg.norm(pose_difference(path(1.0), arm.pose(steps[-1].q))) < 1e-6
+
+
+def test_after_an_impossible_stretch_it_comes_back_to_the_path(arm: ArmModel) -> None:
+    """Commanded with twice the acceleration that axis 1 has: it leaves the path, says so, waits for itself, and arrives."""
+    start = arm.pose(REGULAR)
+
+    def path(t: float) -> np.ndarray:
+        pose = start.copy()
+        pose[:3] = rotation_exp([0.0, 0.0, -1.0 * smooth(t / 0.5)]) @ start[:3]
+        return pose
+
+    steps = run(arm, SplitTask(CYCLE), REGULAR, path, 5.0)
+    lost = [step for step in steps if GaveWay.TRANSLATION in step.gave_way]
+    assert lost
+    assert all(step.status == Status.INFEASIBLE and step.time_scaling == 1.0 for step in lost)
+    assert np.linalg.norm(pose_difference(path(1.0), arm.pose(steps[-1].q))) < 1e-3
 
 
 def test_the_orientation_bound_gives_way_before_time_and_is_named(arm: ArmModel) -> None:

@@ -57,7 +57,9 @@ def test_rotation_vector_agrees_with_the_plain_logarithm(T: np.ndarray) -> None:
 
 
 @given(poses, poses, poses, st.tuples(*[numbers] * 6), twists, st.floats(1e-3, 0.1))
-def test_following_the_path_is_the_motion_between_what_is_desired_now_and_then(T_RO, T_AE, X_RE, way, twist, dt) -> None:
+def test_following_the_path_is_the_motion_between_what_is_desired_now_and_then(
+    T_RO, T_AE, X_RE, way, twist, dt
+) -> None:
     base = np.array([0.15, 0.0, 0.35])
     wanted, deviation, patience = follow_path(T_RO, T_AE, X_RE, *way, base, twist, 20.0, 0.005, 0.01, dt)
     now = desired_in_arm(T_RO, *way[:3], base, X_RE)

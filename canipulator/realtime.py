@@ -1,0 +1,453 @@
+"""Runs on a real wire, in real time: any of the three roles in this process, the others wherever they are.
+
+Every role waits for those that it needs and says so, comes and goes as it likes, and ends with the mission.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import click
+import numpy as np
+
+from canipulator.outcome import EXPECTATION_MISSED, OK, Outcome, RunOptions, expectations, run_directory, show
+from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
+from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, overload, run_info
+from canipulator.warm_up import warm_up
+from canipulator.wire_watch import MissionWatch
+from config.errors import ConfigError
+from config.load import dump_scenario
+from config.robot import Robot, load_robot
+from config.scenario import Scenario
+from drivers.bus.python_can import PythonCanBus
+from drivers.canopen.nmt import NmtCommand
+from drivers.catalogue import DRIVE_IDS
+from drivers.cia402.bring_up import MasterTimes
+from drivers.cia402.phases import MasterPhase
+from drivers.clock import LAST
+from drivers.frame import Frame
+from drivers.planner_node import PlannerNode
+from drivers.realtime_clock import CATCH_UP_NS, RealTimeClock
+from drivers.strategic_node import StrategicNode
+from logs.bus_log import BusLogWriter
+from logs.events import Event, EventLog, Level
+from logs.metrics import Metrics, RunFacts, evaluate
+from logs.run_log import RunLog
+from logs.tape import SYNC_ID
+from stack.messages import Truth
+from stack.strategic.mission import Stage
+
+ROLES = ("sim", "planner", "strategic")
+TIMES = MasterTimes(boot_ns=600_000_000_000, boot_report_ns=5_000_000_000)
+"""Drives of another process, or of a bench, may be switched on much later than the planner."""
+NS_PER_S = 1_000_000_000
+CHUNK_NS = 50_000_000
+REPORT_NS = 5_000_000_000
+PLANNER_PATIENCE_NS = 120_000_000_000
+"""How long a mission waits for a planner that is ready."""
+RETURN_PATIENCE_NS = 60_000_000_000
+"""How long sim and planner wait for a strategic node that has left without having finished."""
+FAREWELL_NS = 500_000_000
+"""How long a strategic node that has finished goes on saying so."""
+LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
+"""From the end of the mission to the end of a role at the latest: the planner comes to rest and switches the drives off."""
+SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
+SIM_CATCH_UP_NS = 100_000_000
+SWITCH_INTERVAL_S = 2e-4
+"""Threads of libraries, should there be any, give way to the loop after so long."""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """Where the run takes place and what of it. `roles` in this process; `absent`: drives that somebody else brings.
+
+    `pace`: seconds of the run in a second of real time, the same in every process. Below 1 for machines that are too slow.
+    """
+
+    url: str
+    roles: tuple[str, ...] = ROLES
+    absent: frozenset[int] = frozenset()
+    pace: float = 1.0
+
+
+def external_parts(names: tuple[str, ...]) -> tuple[tuple[str, ...], frozenset[int]]:
+    """`--external planner --external 21,22` -> (roles that stay, drives that are left out). Raises ConfigError."""
+    roles, absent = list(ROLES), set()
+    for name in (part.strip() for names_ in names for part in names_.split(",")):
+        if name in ("planner", "strategic"):
+            roles = [role for role in roles if role != name]
+        elif name.isdecimal() and int(name) in DRIVE_IDS:
+            absent.add(int(name))
+        else:
+            drives = ", ".join(map(str, DRIVE_IDS))
+            raise ConfigError(f"--external {name!r}: must be planner, strategic, or a drive's node id ({drives})")
+    return tuple(roles), frozenset(absent)
+
+
+def run_on_wire(
+    scenario: Scenario,
+    options: RunOptions,
+    wire: Wire,
+    bus: PythonCanBus | None = None,
+) -> Outcome:
+    """Plays `wire.roles` of the scenario until the mission has ended, the time is over, or a signal comes.
+
+    `bus`: one that is open already; it has the time of the run. With the role `sim` the outcome has the metrics of the run; the
+    others leave `timing.json`. Raises ConfigError, BusError (an OSError) for a bus that cannot be opened or goes away,
+    KeyboardInterrupt after everything was saved.
+    """
+    robot = load_robot(scenario.robot)
+    check_scenario(scenario, robot)
+    check_expectations(scenario, robot)
+    if bus is None:
+        bus = PythonCanBus(
+            wire.url,
+            _run_time(wire.pace),
+            bitrate=scenario.bus.bitrate,
+            stamp_clock_ns=time.time_ns,
+            pace=wire.pace,
+        )
+    with contextlib.closing(bus):
+        name = scenario.name if "sim" in wire.roles else "-".join(wire.roles)
+        directory = run_directory(name, options)
+        (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
+        with WireRun(scenario, robot, options, wire, directory, bus) as run:
+            ended_by = run.go()
+        outcome = run.outcome(judged=options.duration_s is None and ended_by is None)
+    if ended_by == signal.SIGINT:
+        raise KeyboardInterrupt
+    return outcome if ended_by is None else Outcome(directory, outcome.metrics, 128 + ended_by)
+
+
+def _run_time(pace: float) -> Callable[[], int]:
+    """The monotonic clock, slowed down to `pace`, from a whole second on: processes on one machine have one grid of cycles."""
+    if not 0.0 < pace <= 1.0:
+        raise ConfigError(f"--pace {pace:g}: must be positive, and at most 1 on a real wire")
+    if pace == 1.0:
+        start_ns = time.monotonic_ns() // NS_PER_S * NS_PER_S
+        return lambda: time.monotonic_ns() - start_ns
+    slow_start_ns = round(time.monotonic_ns() * pace) // NS_PER_S * NS_PER_S
+    return lambda: round(time.monotonic_ns() * pace) - slow_start_ns
+
+
+class WireRun:
+    """Everything that lives while the roles of this process are on the wire; a context manager that closes it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        robot: Robot,
+        options: RunOptions,
+        wire: Wire,
+        directory: Path,
+        bus: PythonCanBus,
+    ) -> None:
+        self.scenario, self.robot, self.options, self.wire, self.directory = scenario, robot, options, wire, directory
+        self.bus = bus
+        alone = wire.roles == ("sim",)
+        self.clock = RealTimeClock(bus.now_ns, bus, catch_up_ns=SIM_CATCH_UP_NS if alone else CATCH_UP_NS)
+        self.period_ns = round(1e9 / scenario.planner.arm_cycle_hz)
+        self.watch = MissionWatch(self.period_ns)
+        self.faults: list[str] = []
+        self.failure: str | None = None
+        self.first: Truth | None = None
+        self.last: Truth | None = None
+        self.elapsed_s = 0.0
+        self.sim: SimulatedRobot | None = None
+        self.planner: PlannerNode | None = None
+        self.strategic: StrategicNode | None = None
+        self.log: RunLog | None = None
+        self._events: EventLog | None = None
+        self._ended_ns: int | None = None
+        self._began_ns = self._report_ns = 0
+        self._signal: int | None = None
+        self._forgotten = False
+        self.bus_log = BusLogWriter(directory / "bus.log", clock=self.clock, on_error=self._on_log_error)
+        bus.observe(self.watch)
+        bus.observe(self.bus_log)
+        self._compose()
+
+    def _compose(self) -> None:
+        """The roles of this process, nothing powered yet."""
+        robot, scenario, clock, bus = self.robot, self.scenario, self.clock, self.bus
+        if "sim" in self.wire.roles:
+            self.log = self._run_log()
+            bus.observe(self.log.on_frame)
+            self.sim = simulated_robot(robot, scenario, clock, bus, self.wire.absent)
+            bus.observe(self._on_frame)
+        else:
+            self._events = EventLog(self.directory / "events.log")
+        if "planner" in self.wire.roles:
+            warm_up(robot, scenario)
+            self.planner = planner_role(robot, scenario, clock, bus, self._on_event, time.perf_counter_ns, TIMES)
+        if "strategic" in self.wire.roles:
+            self.strategic = strategic_role(robot, scenario, clock, bus, self._on_event)
+
+    def _run_log(self) -> RunLog:
+        scenario = self.scenario
+        return RunLog(
+            self.robot.devices.values(),
+            scenario.robot,
+            run_info(scenario),
+            sync_period_ns=self.period_ns,
+            bitrate=scenario.bus.bitrate,
+            platform_ratio=self._platform_ratio,
+            world_reference=scenario.feedback.rate_hz > 0.0,
+            recording=self.directory / "run.rrd" if self.options.record else None,
+            event_log=self.directory / "events.log",
+            postpone=True,
+        )
+
+    def __enter__(self) -> WireRun:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bus_log.close()
+        if self.log is not None:
+            self.log.close()
+        if self._events is not None:
+            self._events.close()
+        if self.sim is not None:
+            self.sim.world.close()
+
+    def go(self) -> int | None:
+        """Runs to the end; the number of the signal that ended it, None if it ended by itself."""
+        self.bus.forget_arrived()
+        self._began_ns = began_ns = self.clock.now_ns()
+        end_ns = None if self.options.duration_s is None else began_ns + round(1e9 * self.options.duration_s)
+        self._report_ns = began_ns + REPORT_NS
+        with collector_off(), _undisturbed(), self._signals():
+            self.power_on()
+            while self._signal is None and not self._done(self.clock.now_ns()):
+                now_ns = self.clock.now_ns()
+                if end_ns is not None and now_ns >= end_ns:
+                    break
+                self.clock.run_until(now_ns + CHUNK_NS if end_ns is None else min(now_ns + CHUNK_NS, end_ns))
+                self._look()
+        self.elapsed_s = (self.clock.now_ns() - began_ns) * 1e-9
+        if self._signal is not None:
+            self._on_event(Level.WARN, "run", "interrupted" if self._signal == signal.SIGINT else "told to end")
+        return self._signal
+
+    def power_on(self) -> None:
+        """Boots the nodes of this process."""
+        if self.sim is not None:
+            self.sim.power_on()
+            self._sample()
+        if self.strategic is not None:
+            self.strategic.node.power_on()
+        if self.planner is not None:
+            self.planner.power_on()
+
+    def _done(self, now_ns: int) -> bool:
+        """Whether there is nothing left to do for the roles of this process."""
+        if self.strategic is not None:
+            return self._mission_done(self.strategic, now_ns)
+        watch = self.watch
+        if watch.finished_ns is not None:
+            return self._all_at_rest(now_ns, watch.finished_ns)
+        if watch.strategic_ns is None or watch.silent_for_ns(watch.strategic_ns, now_ns) < RETURN_PATIENCE_NS:
+            return False
+        self._fail("the strategic node has left without having finished, and has not come back")
+        return True
+
+    def _mission_done(self, strategic: StrategicNode, now_ns: int) -> bool:
+        stage = strategic.stage
+        if stage is Stage.WAITING and now_ns - self._began_ns > PLANNER_PATIENCE_NS:
+            self._fail("no planner got ready")
+            return True
+        over_ns = None if self.watch.began_ns is None else self.watch.began_ns + round(2e9 * self.scenario.duration_s)
+        if over_ns is not None and now_ns > over_ns and self._ended_ns is None:
+            self._fail("the mission takes more than twice the scenario's time")
+            return True
+        if stage not in (Stage.FINISHED, Stage.FAILED):
+            return False
+        if self._ended_ns is None:
+            self._ended_ns = now_ns
+            if stage is Stage.FAILED:
+                self.failure = "the mission has failed"
+        if now_ns < self._ended_ns + SETTLE_NS:
+            return False
+        if stage is Stage.FINISHED:
+            strategic.node.nmt.command(NmtCommand.STOP)  # its heartbeats tell everybody that it has done its work
+        if now_ns < self._ended_ns + SETTLE_NS + FAREWELL_NS:
+            return False
+        return self.wire.roles == ("strategic",) or self._all_at_rest(now_ns, self._ended_ns)
+
+    def _all_at_rest(self, now_ns: int, ended_ns: int) -> bool:
+        """The planner goes when it has switched the drives off, the robot after the planner; neither waits for ever."""
+        if now_ns >= ended_ns + max(LEAVE_NS.get(role, 0) for role in self.wire.roles):
+            return True
+        if self.planner is None:
+            return self.watch.silent_for_ns(self.watch.planner_ns, now_ns) > 0
+        return now_ns >= ended_ns + FAREWELL_NS and self.planner.master.phase in SWITCHED_OFF
+
+    def _look(self) -> None:
+        """Between two pieces of the run: what has become of the others."""
+        if not self._forgotten and self.watch.began_ns is not None:
+            self._forgotten = True
+            self.clock.forget_lateness()  # late while the planner was loading: nobody was moving
+        now_ns = self.clock.now_ns()
+        if now_ns < self._report_ns or self._ended_ns is not None:
+            return
+        watch, roles = self.watch, self.wire.roles
+        for role, last_ns in (("planner", watch.planner_ns), ("strategic", watch.strategic_ns)):
+            silence_ns = watch.silent_for_ns(last_ns, now_ns)
+            if role not in roles and silence_ns and watch.finished_ns is None:
+                since = "yet" if last_ns is None else f"for {silence_ns * 1e-9:.0f} s"
+                self._on_event(Level.INFO, "-".join(roles), f"waits for the {role} node: not heard {since}")
+        self._report_ns = now_ns + REPORT_NS
+
+    def _on_frame(self, frame: Frame) -> None:
+        """Truth at every SYNC, once the robot has taken notice of it."""
+        if frame.can_id == SYNC_ID:
+            self.clock.call_at(frame.t_ns, self._sample, LAST)
+
+    def _sample(self) -> None:
+        assert self.sim is not None and self.log is not None
+        truth = self.sim.world.truth(self.clock.now_ns())
+        self.first = self.first or truth
+        self.last = truth
+        self.log.on_truth(truth)
+
+    def _fail(self, why: str) -> None:
+        self.failure = why
+        self._on_event(Level.ERROR, "-".join(self.wire.roles), why)
+
+    def _on_event(self, level: Level, source: str, text: str) -> None:
+        event = Event(self.clock.now_ns(), level, source, text)
+        if self.log is not None:
+            self.log.on_event(event.t_ns, level, source, text)
+        elif self._events is not None:
+            self._events.write(event)
+        if level >= Level.ERROR:
+            self.faults.append(f"{source}: {text}")
+        if not self.options.quiet and level >= Level.INFO:
+            click.echo(event.line().strip(), err=True)
+
+    def _on_log_error(self, error: OSError) -> None:
+        self._on_event(Level.ERROR, "bus.log", f"{error.strerror}: frames from here on are not in bus.log")
+
+    @property
+    def _platform_ratio(self) -> int:
+        return round(self.scenario.planner.arm_cycle_hz / self.scenario.planner.platform_cycle_hz)
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """Ctrl-C and SIGTERM end the loop between two events rather than in the middle of one."""
+
+        def stop(number: int, _: FrameType | None) -> None:
+            self._signal = number
+            self.clock.stop()
+
+        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def outcome(self, *, judged: bool) -> Outcome:
+        """Writes what was measured and says how it went. Call after closing."""
+        if self.log is None:
+            timing = self._timing()
+            (self.directory / "timing.json").write_text(json.dumps(timing, indent=2) + "\n", encoding="utf-8")
+            if not self.options.quiet:
+                click.echo(f"files      {self.directory}/  (bus.log, events.log, timing.json, scenario.toml)")
+            return Outcome(self.directory, timing, OK if self.failure is None else EXPECTATION_MISSED)
+        metrics = self._metrics(self.log, judged=judged)
+        (self.directory / "metrics.json").write_text(metrics.to_json(), encoding="utf-8")
+        if not self.options.quiet:
+            show(metrics, self.directory, self.options)
+        code = OK if metrics.ok and not (judged and self.failure) else EXPECTATION_MISSED
+        return Outcome(self.directory, metrics.as_dict(), code)
+
+    def _metrics(self, log: RunLog, *, judged: bool) -> Metrics:
+        scenario, statistics = self.scenario, self.bus.statistics()
+        bus_full = overload(log.table, statistics.frames_lost)
+        facts = RunFacts(
+            scenario=scenario.name,
+            seed=scenario.seed,
+            method=scenario.planner.method,
+            coordination=scenario.planner.coordination,
+            sim_time_s=self.elapsed_s,
+            wall_time_s=self.elapsed_s / self.wire.pace,
+            platform_ratio=self._platform_ratio,
+            arm_cycle_us=self._cycle_us(),
+            frames=statistics.frames,
+            frames_lost=statistics.frames_lost,
+            faults=(*bus_full, *self.faults),
+            recorder_fault=log.recorder_fault,
+            dropped_blocks=log.dropped_blocks,
+            extra=self._own_metrics(),
+        )
+        metrics = evaluate(log.table, self.robot.arm, facts)
+        return metrics.judged(expectations(scenario.expect)) if judged else metrics
+
+    def _own_metrics(self) -> dict[str, float | None]:
+        assert self.first is not None and self.last is not None  # `power_on` samples at once
+        moved = self.last.pose_WB[:2, 3] - self.first.pose_WB[:2, 3]
+        planner = self.planner
+        return {
+            "mission_finished": float(self.watch.finished_ns is not None),
+            "path_progress": None if planner is None else planner.path_progress,
+            "incomplete_cycles": None if planner is None else float(planner.incomplete_cycles),
+            "platform_return_error_m": float(np.hypot(*moved)),
+            **self._lateness(),
+        }
+
+    def _lateness(self) -> dict[str, float | None]:
+        """How well this process kept to real time, since the planner was at work for the first time."""
+        return {
+            "missed_cycles": float(self.watch.missed_cycles),
+            "overruns": float(self.clock.overruns),
+            "max_lateness_us": self.clock.max_lateness_ns * 1e-3,
+        }
+
+    def _timing(self) -> dict[str, Any]:
+        """What a role without the truth can say."""
+        statistics, cycle_us = self.bus.statistics(), self._cycle_us()
+        timing: dict[str, Any] = {
+            "roles": list(self.wire.roles),
+            "failure": self.failure,
+            "wall_time_s": self.elapsed_s / self.wire.pace,
+            "frames": statistics.frames,
+            "frames_lost": statistics.frames_lost,
+            "bus_load_mean": statistics.load_mean,
+            "bus_load_peak": statistics.load_peak,
+            "faults": self.faults,
+            **self._lateness(),
+        }
+        if self.planner is not None:
+            timing["incomplete_cycles"] = self.planner.incomplete_cycles
+            timing["path_progress"] = self.planner.path_progress
+            if len(cycle_us):
+                p50, p99 = np.percentile(cycle_us, [50, 99]).tolist()
+                timing["arm_cycle_us"] = {"p50": p50, "p99": p99, "max": float(cycle_us.max())}
+        return timing
+
+    def _cycle_us(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return np.array([] if self.planner is None else self.planner.cycle_ns, dtype=np.float64) * 1e-3
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """What was loaded is never looked at by the collector again, and no other thread keeps the interpreter for long."""
+    interval_s = sys.getswitchinterval()
+    gc.freeze()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval_s)
+        gc.unfreeze()

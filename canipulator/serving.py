@@ -1,0 +1,97 @@
+"""A lockstep run that CAN tools can watch: the bus served on 127.0.0.1, virtual time held back to real time."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator
+
+import click
+
+from canipulator.pacing import Pacer
+from config.errors import ConfigError
+from drivers.bus.lockstep import LockstepBus, LockstepPort
+from drivers.clock import LockstepClock
+from drivers.frame import Frame
+from drivers.socketcand import HOST, SocketcandServer
+
+STEP_NS = 5_000_000
+"""Virtual time between two looks at the real clock and at what tools want to send."""
+TOOLS = "tools"
+"""Name of the port that injects the frames of tools."""
+
+
+def open_server(port: int, *, allow_inject: bool, extended: bool = False) -> SocketcandServer:
+    """The server, its port taken. Raises ConfigError where it cannot be had."""
+    if not 0 <= port <= 65_535:
+        raise ConfigError(f"port {port}: must be within 0 (any free one) … 65535")
+    try:
+        return SocketcandServer(port, monotonic_ns=time.monotonic_ns, allow_inject=allow_inject, extended=extended)
+    except OSError as error:
+        raise ConfigError(f"port {port} of {HOST}: {_reason(error)}; choose another one, or 0 for any") from None
+
+
+def _reason(error: OSError) -> str:
+    """The system's words alone: Python's name the address again."""
+    return os.strerror(error.errno) if error.errno is not None else str(error)
+
+
+def announce(server: SocketcandServer, *, allow_inject: bool) -> None:
+    """Says on stderr how a tool gets to the bus."""
+    rights = "tools may send" if allow_inject else "listen-only"
+    click.echo(f"tools: socketcand on {HOST}:{server.port}, any bus name, {rights}", err=True)
+
+
+def report(server: SocketcandServer) -> None:
+    """Says on stderr what the server did."""
+    done = server.statistics()
+    text = f"tools: {done.clients} served, {done.sent} frames to them, {done.lost + server.overrun} lost by slow ones"
+    if done.injected or done.refused:
+        text += f", {done.injected} from them, {done.refused} refused"
+    click.echo(text, err=True)
+
+
+class ServedRun:
+    """How a lockstep run is served: made before the run, so that a port that is taken is known before anything is written."""
+
+    def __init__(self, port: int, *, allow_inject: bool, pace: float) -> None:
+        """Raises ConfigError for a port that cannot be had and for a pace that is not positive."""
+        if not 0.0 < pace < float("inf"):
+            raise ConfigError(f"--pace {pace:g}: must be a positive number of simulated seconds per second")
+        self._pace = pace
+        self._allow_inject = allow_inject
+        self._server = open_server(port, allow_inject=allow_inject)
+
+    @contextlib.contextmanager
+    def paced(self, clock: LockstepClock, bus: LockstepBus) -> Iterator[Callable[[int], None]]:
+        """While open, the bus is served. Gives what takes the place of `clock.run_until`."""
+        server = self._server
+        bus.observe(server)
+        port = bus.attach(TOOLS, (), _hear_nothing) if self._allow_inject else None
+        announce(server, allow_inject=self._allow_inject)
+        with server:
+            pacer = Pacer(self._pace, clock.now_ns())
+
+            def run_until(t_ns: int) -> None:
+                while (now_ns := clock.now_ns()) < t_ns:
+                    if port is not None:
+                        _inject(server, port)
+                    step_end_ns = min(now_ns + STEP_NS, t_ns)
+                    clock.run_until(step_end_ns)
+                    pacer.wait(step_end_ns)
+
+            yield run_until
+        report(server)
+        if pacer.slipped_ns:
+            click.echo(f"tools: {pacer.slipped_ns * 1e-9:.1f} s behind a pace of {pacer.factor:g}", err=True)
+
+
+def _inject(server: SocketcandServer, port: LockstepPort) -> None:
+    """What tools sent goes onto the bus now, as far as the port has room; the rest stays with the server."""
+    while port.queued < port.queue_limit and (frame := server.take()) is not None:
+        port.send(frame.can_id, frame.data)
+
+
+def _hear_nothing(_: Frame) -> None:
+    """The tools' port takes no frames: clients get theirs as an observer does, everything in the order of the wire."""

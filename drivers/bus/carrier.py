@@ -1,0 +1,174 @@
+"""What carries frames out of the process and in: python-can for every interface it knows, and a short way for SocketCAN.
+
+Both are opened by python-can. On a SocketCAN socket its `recv` and `send` cost four system calls where one will do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import select
+import socket
+import struct
+from typing import Any, Protocol
+
+import can
+
+GIVES_BACK = frozenset({"socketcan", "virtual"})
+"""Interfaces whose `receive_own_messages` was tried and found to keep the order of the wire."""
+RECEIVE_BUFFER_BYTES = 4 << 20
+NS_PER_S = 1_000_000_000
+_FRAME = struct.Struct("=IB3x8s")
+_STAMP = struct.Struct("@qq")
+_ANCILLARY_BYTES = socket.CMSG_SPACE(_STAMP.size)
+_ERROR_FRAME = 0x2000_0000
+_NOT_OURS = 0xC000_0000
+"""Extended and remote frames."""
+
+
+class BusError(OSError):
+    """A bus that cannot be opened, or that has gone away; the message is one line for the person who named it."""
+
+
+class Arrival:
+    """A data frame as it came in; `stamp_ns` in the interface's own clock. `can_id` -1: an error frame."""
+
+    __slots__ = ("can_id", "data", "stamp_ns")
+
+    def __init__(self, can_id: int, data: bytes, stamp_ns: int) -> None:
+        self.can_id, self.data, self.stamp_ns = can_id, data, stamp_ns
+
+
+class Carrier(Protocol):
+    """`gives_back`: what is sent is received, too."""
+
+    gives_back: bool
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """False when the interface does not take the frame."""
+
+    def receive(self) -> Arrival | None:
+        """What is there, None when nothing is. Raises OSError or can.CanError when the bus has gone away."""
+
+    def wait(self, timeout_s: float) -> Arrival | None:
+        """Waits for something to receive; may return it at once, or None for the caller to look himself."""
+
+    def close(self) -> None: ...
+
+
+class PythonCanCarrier:
+    """Any interface of python-can."""
+
+    def __init__(self, bus: can.BusABC, gives_back: bool) -> None:
+        self.gives_back = gives_back
+        self._bus = bus
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        try:
+            self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        except (can.CanError, OSError):
+            return False
+        return True
+
+    def receive(self) -> Arrival | None:
+        return self.wait(0.0)
+
+    def wait(self, timeout_s: float) -> Arrival | None:
+        while (message := self._bus.recv(timeout_s)) is not None:
+            stamp_ns = round(message.timestamp * NS_PER_S)
+            if message.is_error_frame:
+                return Arrival(-1, b"", stamp_ns)
+            if not (message.is_extended_id or message.is_remote_frame or message.is_fd):
+                return Arrival(message.arbitration_id, bytes(message.data), stamp_ns)
+            timeout_s = 0.0
+        return None
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+class SocketCarrier:
+    """The socket of a `socketcan` bus, which keeps it open."""
+
+    gives_back = True
+
+    def __init__(self, bus: can.BusABC, carrier: socket.socket) -> None:
+        self._bus = bus
+        self._socket = carrier
+        carrier.setblocking(False)
+        with contextlib.suppress(OSError):  # as far as the system allows: what does not fit in is lost
+            carrier.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        try:
+            self._socket.send(_FRAME.pack(can_id, len(data), data))
+        except OSError:
+            return False
+        return True
+
+    def receive(self) -> Arrival | None:
+        while True:
+            try:
+                frame, ancillary, _, _ = self._socket.recvmsg(_FRAME.size, _ANCILLARY_BYTES)
+            except BlockingIOError:
+                return None
+            can_id, length, data = _FRAME.unpack(frame)
+            seconds, nanoseconds = _STAMP.unpack_from(ancillary[0][2])
+            stamp_ns = seconds * NS_PER_S + nanoseconds
+            if can_id & _ERROR_FRAME:
+                return Arrival(-1, b"", stamp_ns)
+            if not can_id & _NOT_OURS:
+                return Arrival(can_id, data[:length], stamp_ns)
+
+    def wait(self, timeout_s: float) -> Arrival | None:
+        select.select([self._socket], [], [], timeout_s)
+        return None
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+def open_carrier(url: str, bitrate: int) -> Carrier:
+    """`interface:channel`, with further arguments of python-can as `?key=value&key=value`. Raises BusError."""
+    interface, channel, arguments = _parse(url)
+    gives_back = interface in GIVES_BACK
+    if gives_back:
+        arguments["receive_own_messages"] = True
+    logging.getLogger("can").addHandler(logging.NullHandler())  # what it would print is in the exception as well
+    try:
+        bus = can.Bus(interface=interface, channel=channel, **{"bitrate": bitrate, **arguments})
+    except (can.CanError, ImportError, OSError, TypeError, ValueError) as error:
+        raise BusError(f"{url}: cannot be opened: {reason(error)}") from error
+    carrier = getattr(bus, "socket", None)
+    if interface == "socketcan" and isinstance(carrier, socket.socket):
+        return SocketCarrier(bus, carrier)
+    return PythonCanCarrier(bus, gives_back)
+
+
+def _parse(url: str) -> tuple[str, str, dict[str, Any]]:
+    interface, colon, rest = url.partition(":")
+    channel, _, query = rest.partition("?")
+    if not interface or not colon or not channel:
+        raise BusError(f"--bus {url!r}: must be lockstep, or interface:channel of python-can, e.g. socketcan:vcan0")
+    if interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise BusError(f"--bus {url!r}: python-can has no interface {interface!r}; it has {known}")
+    arguments: dict[str, Any] = {}
+    for pair in filter(None, query.split("&")):
+        key, _, text = pair.partition("=")
+        arguments[key] = int(text) if text.isdecimal() else text
+    return interface, channel, arguments
+
+
+def reason(error: Exception) -> str:
+    """The system's words, and what they mean here."""
+    number = getattr(error, "errno", None)
+    if number == errno.EAFNOSUPPORT:
+        return "this kernel has no CAN sockets"
+    if number == errno.ENODEV:
+        return "there is no such interface (ip link add dev vcan0 type vcan; ip link set vcan0 up)"
+    if number == errno.ENETDOWN:
+        return "the interface is down (ip link set … up)"
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(text).split())
