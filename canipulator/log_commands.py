@@ -17,13 +17,13 @@ RUN = click.Path(path_type=Path)
 
 @click.command()
 @click.argument("run_dir", metavar="RUN", type=RUN)
-@click.option("--with", "method", metavar="METHOD", help="Another method instead: pns, fsp, gradient, qp; see below.")
+@click.option("--with", "method", metavar="METHOD", help="Another method instead: pns, fsp, gradient, qp.")
 @click.option("--out", type=RUN, help="With --with: the figure [default: RUN/replay-METHOD.png].")
 def replay(run_dir: Path, method: str | None, out: Path | None) -> None:
     """Feed the recorded bus of RUN (its directory) to a planner and compare what it sends with the log, frame by frame.
 
     Exit code 0: every identifier, every byte and the order are those of the log. 1: they differ; the first difference is explained.
-    2: bad input.
+    2: bad input, a run in real time among it: only lockstep runs repeat to the bit.
 
     With --with, the planner works by another method on the same recorded feedback (open loop: its commands move nothing). Its set
     points are compared with those of the run in numbers and in a figure; exit code 0.
@@ -67,6 +67,10 @@ def _show_other(run_dir: Path, scenario: Scenario, result: Replayed, figure: Pat
     save_open_loop(drives, figure, recorded.planner.method, scenario.planner.method)
     console = Console()
     console.print(difference_table(drives, scenario.planner.method))
+    if all(drive.largest == 0.0 for drive in drives):
+        console.print(
+            f"{scenario.planner.method} would have sent the same set points: nothing in this run tells the two apart"
+        )
     console.print(f"figure  {figure}", highlight=False)
 
 

@@ -120,8 +120,15 @@ def replay(
 
 
 def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False) -> tuple[Scenario, Replayed]:
-    """`replay` of a run's folder, with another method of the planner if one is given; with a progress bar unless `quiet`."""
+    """`replay` of a run's folder, with another method of the planner if one is given; with a progress bar unless `quiet`.
+
+    Raises ConfigError for what `read_run` does not take, and for a run in real time.
+    """
     scenario, frames = read_run(run_dir)
+    if _was_in_real_time(run_dir):
+        raise ConfigError(
+            f"{run_dir}: a run in real time; only runs on the lockstep bus can be replayed frame by frame"
+        )
     if method is not None:
         scenario = load_scenario_with(run_dir, method)
         frames = [_with_method(frame, Method.named(method)) for frame in frames]
@@ -129,6 +136,13 @@ def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False)
     with progress_bar(f"replay {run_dir.name}", end_ns, quiet=quiet) as advance:
         result = replay(scenario, frames, on_progress=lambda t_ns: advance(t_ns, f"{t_ns * 1e-9:.1f} s"))
     return scenario, result
+
+
+def _was_in_real_time(run_dir: Path) -> bool:
+    """By the files that such a run leaves; their times have the jitter of the machine, which no virtual clock repeats."""
+    metrics = run_dir / "metrics.json"
+    late = metrics.is_file() and '"max_lateness_us"' in metrics.read_text(encoding="utf-8", errors="replace")
+    return late or (run_dir / "timing.json").is_file()
 
 
 def _with_method(frame: Frame, method: Method) -> Frame:

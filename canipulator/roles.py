@@ -46,8 +46,9 @@ class SimulatedRobot:
 
     def power_on(self) -> None:
         """Boots every node and starts the physics."""
-        for node in (*(drive for drive in self.drives), self.force_sensor.node):
-            node.power_on()
+        for drive in self.drives:
+            drive.power_on()
+        self.force_sensor.node.power_on()
         if self.tracker is not None:
             self.tracker.node.power_on()
         self._next_ns = (self.clock.now_ns() // TICK_NS + 1) * TICK_NS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,6 +79,10 @@ class RerunRecorder:
             self._stream.send_blueprint(blueprint(self._arm, stage))
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._stream.disconnect()
+
+    def abandon(self) -> None:
+        """Gives the stream up without closing it: after a disk fault its destructor may wait for ever for a writer that is gone."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
 
     def _log_statics(self) -> None:
         stream = self._stream

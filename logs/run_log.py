@@ -184,7 +184,9 @@ class RunLog:
 
     def _give_up(self, fault: Exception) -> None:
         self.recorder_fault = f"{type(fault).__name__}: {fault}"
-        self._recorder = None
+        if self._recorder is not None:
+            self._recorder.abandon()
+            self._recorder = None
         self._note(Level.ERROR, f"recording ended: {self.recorder_fault}")
 
     def _note(self, level: Level, text: str) -> None:

@@ -255,7 +255,7 @@ def test_a_full_read_of_python_can_ends_with_a_frame() -> None:
         for frame in FRAMES * 100:
             server(frame)
     with connection:
-        pieces = [piece for piece in iter(lambda: connection.recv(1024), b"")]
+        pieces = list(iter(lambda: connection.recv(1024), b""))
     assert {len(piece) for piece in pieces[:-1]} == {1024}
     assert all(piece.startswith(b"< frame ") and piece.endswith(b" >") for piece in pieces)
 

@@ -139,6 +139,14 @@ def test_what_is_wrong_gets_one_line_and_exit_code_2(arguments: list[str], part:
     assert part in answer.stderr
 
 
+@pytest.mark.parametrize(("name", "text"), [("timing.json", "{}"), ("metrics.json", '{"max_lateness_us": 12.5}')])
+def test_a_run_in_real_time_is_refused(name: str, text: str, door: Path, tmp_path: Path) -> None:
+    shutil.copytree(door, tmp_path / "run")
+    (tmp_path / "run" / name).write_text(text)
+    with pytest.raises(ConfigError, match="real time"):
+        replay_run(tmp_path / "run", quiet=True)
+
+
 def test_a_kinematic_run_has_nothing_to_replay(runner: Runner, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     source = Path(__file__).parents[2] / "config/scenarios/wrist-singularity-pass.toml"
