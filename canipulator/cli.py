@@ -117,7 +117,8 @@ def run(
     served = served_run(serve, allow_inject, None if on_wire else pace)
     options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json, served=served)
     if on_wire:
-        from canipulator.realtime import Wire, external_parts, run_on_wire
+        from canipulator.realtime import run_on_wire
+        from canipulator.wire import Wire, external_parts
 
         if not isinstance(loaded, Scenario):
             raise ConfigError(f"--bus {bus_url}: {loaded.name} is a kinematic scenario, it has no bus")

@@ -6,32 +6,23 @@ Every role waits for those that it needs and says so, comes and goes as it likes
 from __future__ import annotations
 
 import contextlib
-import gc
-import json
 import signal
-import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import click
-import numpy as np
-
-from canipulator.outcome import EXPECTATION_MISSED, OK, Outcome, RunOptions, expectations, run_directory, show
+from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
-from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, overload, run_info
+from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, run_info
 from canipulator.warm_up import warm_up
 from canipulator.wire_watch import MissionWatch
-from config.errors import ConfigError
 from config.load import dump_scenario
 from config.robot import Robot, load_robot
 from config.scenario import Scenario
 from drivers.bus.python_can import PythonCanBus
 from drivers.canopen.nmt import NmtCommand
-from drivers.catalogue import DRIVE_IDS
 from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.phases import MasterPhase
 from drivers.clock import LAST
@@ -41,16 +32,16 @@ from drivers.realtime_clock import CATCH_UP_NS, RealTimeClock
 from drivers.strategic_node import StrategicNode
 from logs.bus_log import BusLogWriter
 from logs.events import Event, EventLog, Level
-from logs.metrics import Metrics, RunFacts, evaluate
 from logs.run_log import RunLog
 from logs.tape import SYNC_ID
 from stack.messages import Truth
 from stack.strategic.mission import Stage
 
-ROLES = ("sim", "planner", "strategic")
+from canipulator.wire import Wire, run_time, undisturbed
+from canipulator.wire_report import report
+
 TIMES = MasterTimes(boot_ns=600_000_000_000, boot_report_ns=5_000_000_000)
 """Drives of another process, or of a bench, may be switched on much later than the planner."""
-NS_PER_S = 1_000_000_000
 CHUNK_NS = 50_000_000
 REPORT_NS = 5_000_000_000
 PLANNER_PATIENCE_NS = 120_000_000_000
@@ -63,35 +54,6 @@ LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
 """From the end of the mission to the end of a role at the latest: the planner comes to rest and switches the drives off."""
 SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
 SIM_CATCH_UP_NS = 100_000_000
-SWITCH_INTERVAL_S = 2e-4
-"""Threads of libraries, should there be any, give way to the loop after so long."""
-
-
-@dataclass(frozen=True)
-class Wire:
-    """Where the run takes place and what of it. `roles` in this process; `absent`: drives that somebody else brings.
-
-    `pace`: seconds of the run in a second of real time, the same in every process. Below 1 for machines that are too slow.
-    """
-
-    url: str
-    roles: tuple[str, ...] = ROLES
-    absent: frozenset[int] = frozenset()
-    pace: float = 1.0
-
-
-def external_parts(names: tuple[str, ...]) -> tuple[tuple[str, ...], frozenset[int]]:
-    """`--external planner --external 21,22` -> (roles that stay, drives that are left out). Raises ConfigError."""
-    roles, absent = list(ROLES), set()
-    for name in (part.strip() for names_ in names for part in names_.split(",")):
-        if name in ("planner", "strategic"):
-            roles = [role for role in roles if role != name]
-        elif name.isdecimal() and int(name) in DRIVE_IDS:
-            absent.add(int(name))
-        else:
-            drives = ", ".join(map(str, DRIVE_IDS))
-            raise ConfigError(f"--external {name!r}: must be planner, strategic, or a drive's node id ({drives})")
-    return tuple(roles), frozenset(absent)
 
 
 def run_on_wire(
@@ -112,7 +74,7 @@ def run_on_wire(
     if bus is None:
         bus = PythonCanBus(
             wire.url,
-            _run_time(wire.pace),
+            run_time(wire.pace),
             bitrate=scenario.bus.bitrate,
             stamp_clock_ns=time.time_ns,
             pace=wire.pace,
@@ -123,21 +85,10 @@ def run_on_wire(
         (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
         with WireRun(scenario, robot, options, wire, directory, bus) as run:
             ended_by = run.go()
-        outcome = run.outcome(judged=options.duration_s is None and ended_by is None)
+        outcome = report(run, judged=options.duration_s is None and ended_by is None)
     if ended_by == signal.SIGINT:
         raise KeyboardInterrupt
     return outcome if ended_by is None else Outcome(directory, outcome.metrics, 128 + ended_by)
-
-
-def _run_time(pace: float) -> Callable[[], int]:
-    """The monotonic clock, slowed down to `pace`, from a whole second on: processes on one machine have one grid of cycles."""
-    if not 0.0 < pace <= 1.0:
-        raise ConfigError(f"--pace {pace:g}: must be positive, and at most 1 on a real wire")
-    if pace == 1.0:
-        start_ns = time.monotonic_ns() // NS_PER_S * NS_PER_S
-        return lambda: time.monotonic_ns() - start_ns
-    slow_start_ns = round(time.monotonic_ns() * pace) // NS_PER_S * NS_PER_S
-    return lambda: round(time.monotonic_ns() * pace) - slow_start_ns
 
 
 class WireRun:
@@ -201,7 +152,7 @@ class WireRun:
             run_info(scenario),
             sync_period_ns=self.period_ns,
             bitrate=scenario.bus.bitrate,
-            platform_ratio=self._platform_ratio,
+            platform_ratio=self.platform_ratio,
             world_reference=scenario.feedback.rate_hz > 0.0,
             recording=self.directory / "run.rrd" if self.options.record else None,
             event_log=self.directory / "events.log",
@@ -226,7 +177,7 @@ class WireRun:
         self._began_ns = began_ns = self.clock.now_ns()
         end_ns = None if self.options.duration_s is None else began_ns + round(1e9 * self.options.duration_s)
         self._report_ns = began_ns + REPORT_NS
-        with collector_off(), _undisturbed(), self._signals():
+        with collector_off(), undisturbed(), self._signals():
             self.power_on()
             while self._signal is None and not self._done(self.clock.now_ns()):
                 now_ns = self.clock.now_ns()
@@ -339,7 +290,8 @@ class WireRun:
         self._on_event(Level.ERROR, "bus.log", f"{error.strerror}: frames from here on are not in bus.log")
 
     @property
-    def _platform_ratio(self) -> int:
+    def platform_ratio(self) -> int:
+        """Arm cycles in a platform cycle."""
         return round(self.scenario.planner.arm_cycle_hz / self.scenario.planner.platform_cycle_hz)
 
     @contextlib.contextmanager
@@ -356,98 +308,3 @@ class WireRun:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-
-    def outcome(self, *, judged: bool) -> Outcome:
-        """Writes what was measured and says how it went. Call after closing."""
-        if self.log is None:
-            timing = self._timing()
-            (self.directory / "timing.json").write_text(json.dumps(timing, indent=2) + "\n", encoding="utf-8")
-            if not self.options.quiet:
-                click.echo(f"files      {self.directory}/  (bus.log, events.log, timing.json, scenario.toml)")
-            return Outcome(self.directory, timing, OK if self.failure is None else EXPECTATION_MISSED)
-        metrics = self._metrics(self.log, judged=judged)
-        (self.directory / "metrics.json").write_text(metrics.to_json(), encoding="utf-8")
-        if not self.options.quiet:
-            show(metrics, self.directory, self.options)
-        code = OK if metrics.ok and not (judged and self.failure) else EXPECTATION_MISSED
-        return Outcome(self.directory, metrics.as_dict(), code)
-
-    def _metrics(self, log: RunLog, *, judged: bool) -> Metrics:
-        scenario, statistics = self.scenario, self.bus.statistics()
-        bus_full = overload(log.table, statistics.frames_lost)
-        facts = RunFacts(
-            scenario=scenario.name,
-            seed=scenario.seed,
-            method=scenario.planner.method,
-            coordination=scenario.planner.coordination,
-            sim_time_s=self.elapsed_s,
-            wall_time_s=self.elapsed_s / self.wire.pace,
-            platform_ratio=self._platform_ratio,
-            arm_cycle_us=self._cycle_us(),
-            frames=statistics.frames,
-            frames_lost=statistics.frames_lost,
-            faults=(*bus_full, *self.faults),
-            recorder_fault=log.recorder_fault,
-            dropped_blocks=log.dropped_blocks,
-            extra=self._own_metrics(),
-        )
-        metrics = evaluate(log.table, self.robot.arm, facts)
-        return metrics.judged(expectations(scenario.expect)) if judged else metrics
-
-    def _own_metrics(self) -> dict[str, float | None]:
-        assert self.first is not None and self.last is not None  # `power_on` samples at once
-        moved = self.last.pose_WB[:2, 3] - self.first.pose_WB[:2, 3]
-        planner = self.planner
-        return {
-            "mission_finished": float(self.watch.finished_ns is not None),
-            "path_progress": None if planner is None else planner.path_progress,
-            "incomplete_cycles": None if planner is None else float(planner.incomplete_cycles),
-            "platform_return_error_m": float(np.hypot(*moved)),
-            **self._lateness(),
-        }
-
-    def _lateness(self) -> dict[str, float | None]:
-        """How well this process kept to real time, since the planner was at work for the first time."""
-        return {
-            "missed_cycles": float(self.watch.missed_cycles),
-            "overruns": float(self.clock.overruns),
-            "max_lateness_us": self.clock.max_lateness_ns * 1e-3,
-        }
-
-    def _timing(self) -> dict[str, Any]:
-        """What a role without the truth can say."""
-        statistics, cycle_us = self.bus.statistics(), self._cycle_us()
-        timing: dict[str, Any] = {
-            "roles": list(self.wire.roles),
-            "failure": self.failure,
-            "wall_time_s": self.elapsed_s / self.wire.pace,
-            "frames": statistics.frames,
-            "frames_lost": statistics.frames_lost,
-            "bus_load_mean": statistics.load_mean,
-            "bus_load_peak": statistics.load_peak,
-            "faults": self.faults,
-            **self._lateness(),
-        }
-        if self.planner is not None:
-            timing["incomplete_cycles"] = self.planner.incomplete_cycles
-            timing["path_progress"] = self.planner.path_progress
-            if len(cycle_us):
-                p50, p99 = np.percentile(cycle_us, [50, 99]).tolist()
-                timing["arm_cycle_us"] = {"p50": p50, "p99": p99, "max": float(cycle_us.max())}
-        return timing
-
-    def _cycle_us(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        return np.array([] if self.planner is None else self.planner.cycle_ns, dtype=np.float64) * 1e-3
-
-
-@contextlib.contextmanager
-def _undisturbed() -> Iterator[None]:
-    """What was loaded is never looked at by the collector again, and no other thread keeps the interpreter for long."""
-    interval_s = sys.getswitchinterval()
-    gc.freeze()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(interval_s)
-        gc.unfreeze()

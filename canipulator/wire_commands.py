@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-
 from config.errors import ConfigError
 
 _PURPOSE = {
@@ -28,9 +27,11 @@ def _role_command(role: str) -> click.Command:
         **more: Any,
     ) -> None:
         from canipulator.outcome import RunOptions
-        from canipulator.realtime import Wire, external_parts, run_on_wire
         from config.load import load_scenario
         from config.scenario import Scenario
+
+        from canipulator.realtime import run_on_wire
+        from canipulator.wire import Wire, external_parts
 
         if duration is not None and not 0.0 < duration < float("inf"):
             raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -81,8 +82,10 @@ class RerunRecorder:
         self._stream.disconnect()
 
     def abandon(self) -> None:
-        """Gives the stream up without closing it: after a disk fault its destructor may wait for ever for a writer that is gone."""
+        """Gives the stream up without closing it: after a disk fault its destructor, and the SDK's own clean-up at the end of the
+        process, may wait for ever for a writer that is gone. Recordings that are closed do not need either."""
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._stream))
+        atexit.unregister(rr.rerun_shutdown)
 
     def _log_statics(self) -> None:
         stream = self._stream

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from canipulator.outcome import Outcome, RunOptions
-from canipulator.realtime import ROLES, Wire, WireRun, external_parts, run_on_wire
+from canipulator.realtime import WireRun, run_on_wire
+from canipulator.wire import ROLES, Wire, external_parts
 from config.errors import ConfigError
 from config.load import load_scenario
 from config.robot import load_robot

@@ -14,7 +14,7 @@ from pathlib import Path
 
 BUS = "socketcan:vcan0"
 SCENARIO = ("--set", "step.1.length_m=0.6")
-"""The door line is cut short: a user-mode kernel has one processor, and a system call takes a hundred times its time."""
+"""The door line is cut short: a user-mode kernel has one processor, and its system calls take long."""
 LIMIT_S = 400.0
 
 
