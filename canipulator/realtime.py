@@ -13,10 +13,13 @@ from pathlib import Path
 from types import FrameType
 
 import click
+
 from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
 from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, run_info
 from canipulator.warm_up import warm_up
+from canipulator.wire import Wire, run_time, undisturbed
+from canipulator.wire_report import report
 from canipulator.wire_watch import MissionWatch
 from config.load import dump_scenario
 from config.robot import Robot, load_robot
@@ -36,9 +39,6 @@ from logs.run_log import RunLog
 from logs.tape import SYNC_ID
 from stack.messages import Truth
 from stack.strategic.mission import Stage
-
-from canipulator.wire import Wire, run_time, undisturbed
-from canipulator.wire_report import report
 
 TIMES = MasterTimes(boot_ns=600_000_000_000, boot_report_ns=5_000_000_000)
 """Drives of another process, or of a bench, may be switched on much later than the planner."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from config.errors import ConfigError
 
 _PURPOSE = {
@@ -27,11 +28,10 @@ def _role_command(role: str) -> click.Command:
         **more: Any,
     ) -> None:
         from canipulator.outcome import RunOptions
-        from config.load import load_scenario
-        from config.scenario import Scenario
-
         from canipulator.realtime import run_on_wire
         from canipulator.wire import Wire, external_parts
+        from config.load import load_scenario
+        from config.scenario import Scenario
 
         if duration is not None and not 0.0 < duration < float("inf"):
             raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+
 from canipulator.outcome import EXPECTATION_MISSED, OK, Outcome, expectations, show
 from canipulator.run import overload
 from logs.metrics import Metrics, RunFacts, evaluate

@@ -35,7 +35,7 @@ from stack.planner.tracking import rotation_vector
 
 WHEELS = 2
 MISSION_TIMEOUT_NS = 150_000_000
-STANDSTILL = 2e-3
+STANDSTILL = 2e-2
 """Joint velocity (rad/s, m/s) and platform rate below which the robot counts as at rest when it is to be switched off."""
 _STOP_LIMIT_NS = 3_000_000_000
 _STAY_OPERATIONAL = 1

@@ -67,7 +67,17 @@ def test_list_has_a_line_for_each_scenario() -> None:
 
 def test_help_names_every_option() -> None:
     text = canipulator("run", "--help").stdout
-    for option in ["--out", "--seed", "--duration", "--method", "--coordination", "--set", "--bus", "--no-rerun", "--json"]:
+    for option in [
+        "--out",
+        "--seed",
+        "--duration",
+        "--method",
+        "--coordination",
+        "--set",
+        "--bus",
+        "--no-rerun",
+        "--json",
+    ]:
         assert option in text
 
 

@@ -1,6 +1,7 @@
 """On a kernel that has CAN: three processes on vcan0, candump beside them, `cansend` against them. Real sockets, real time.
 
-A user-mode kernel has one processor, and its system calls take very long (65 µs measured for the shortest): the roles run at a tenth of real time here, all of them alike, and the door line is cut short.
+A user-mode kernel has one processor, and its system calls take very long (65 µs measured for the shortest): the roles run at a
+tenth of real time here, all of them alike, and the door line is cut short.
 """
 
 import json
