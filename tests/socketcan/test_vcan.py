@@ -18,13 +18,21 @@ PACE = "0.1"
 pytestmark = [pytest.mark.slow, pytest.mark.socketcan, pytest.mark.xdist_group("vcan")]
 
 
+ATTEMPTS = 2
+"""Real time on a shared machine: a session that was disturbed (a SYNC late by a drive's patience) is run once more."""
+
+
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What session.py leaves behind."""
-    out = tmp_path_factory.mktemp("vcan")
-    command = [HERE / "with-vcan", "-m", "3G", "-t", "900", sys.executable, HERE / "session.py", out, PACE]
-    answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=950, check=False)
-    texts = "\n".join(f"--- {path.name}\n{path.read_text()[-2000:]}" for path in sorted(out.glob("*/*.txt")))
+    for attempt in range(ATTEMPTS):
+        out = tmp_path_factory.mktemp("vcan")
+        command = [HERE / "with-vcan", "-m", "3G", "-t", "600", sys.executable, HERE / "session.py", out, PACE]
+        answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=650, check=False)
+        texts = "\n".join(f"--- {path.name}\n{path.read_text()[-2000:]}" for path in sorted(out.glob("*/*.txt")))
+        if answer.returncode == 0 and set(codes(out, "mission").values()) == {0}:
+            break
+        print(f"attempt {attempt + 1} was disturbed:\n{texts}")
     assert answer.returncode == 0, f"{answer.stdout[-2000:]}\n{answer.stderr[-2000:]}\n{texts}"
     return out
 
