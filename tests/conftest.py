@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-settings.register_profile("canipulator", deadline=None, print_blob=True)
-settings.register_profile("quick", deadline=None, print_blob=True, max_examples=25)
+# In CI the same examples every time: a landing must not hang on a lucky draw. People's machines go on searching.
+_FIXED = os.environ.get("CI") == "true"
+settings.register_profile("canipulator", deadline=None, print_blob=True, derandomize=_FIXED)
+settings.register_profile("quick", deadline=None, print_blob=True, max_examples=25, derandomize=_FIXED)
 settings.load_profile("canipulator")
 
 # One solver thread: the same bits on every machine, and no fight for cores between test processes.
