@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from config.errors import ConfigError, nearest
-from config.scenario import ExpectTable, Finite, NotNegative, Positive, Table, Vector3
+from config.scenario import ExpectTable
+from config.table import Finite, NotNegative, Positive, Table, Vector3
 
 
 class LegTable(Table):

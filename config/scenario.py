@@ -8,21 +8,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Vector3 = Annotated[tuple[Finite, Finite, Finite], Field()]
+from config.table import Finite, NotNegative, Positive, Table, Vector3
+
 Method = Literal["pns", "fsp", "gradient", "qp"]
 Coordination = Literal["abc", "unified", "arm-only"]
 ModeName = Literal["hold", "arm_only", "platform_only", "coordinated"]
-
-
-class Table(BaseModel):
-    """A table of a configuration file: no unknown keys, no silent conversions, no NaN."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class PlannerTable(Table):
@@ -170,7 +162,7 @@ class Scenario(Table):
     feedback: FeedbackTable = FeedbackTable()
     start: StartTable = StartTable()
     preferences: PreferenceTable = PreferenceTable()
-    cases: dict[Literal["1", "2", "3", "4"], PreferenceTable] = {}
+    cases: dict[Literal["1", "2", "3", "4"], PreferenceTable] = Field(default_factory=dict)
     step: tuple[StepTable, ...]
     expect: tuple[ExpectTable, ...] = ()
 
