@@ -9,10 +9,12 @@ import numpy as np
 from config.errors import ConfigError
 from config.scenario import PreferenceTable, Scenario, StepTable
 from drivers.tables import planner as table
-from stack.messages import Mode
+from stack.messages import Gripper, Mode
 from stack.planner.parameters import Coordination, Method
-from stack.strategic.mission import Mission, ParameterWrite, Step, StepKind
+from stack.strategic.mission import Mission, ParameterWrite, Step
+from stack.strategic.motion import Motion
 from stack.strategic.profile import RampProfile
+from stack.strategic.profiled import Drive, Grip, Line, Turn, Wait
 
 _ARRAYS = (
     ("preferred", table.PREFERRED_CONFIGURATION),
@@ -51,27 +53,37 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
 
 
 def _step(step: StepTable, joints: int, where: str) -> Step:
-    profile = direction = None
-    if step.kind == "line":
-        assert step.direction is not None and step.length_m is not None and step.speed_m_s is not None
-        profile = RampProfile(step.length_m, step.speed_m_s, step.ramp_s)
-        direction = np.array(step.direction) / np.linalg.norm(step.direction)
-        direction.setflags(write=False)
-    elif step.kind == "drive":
-        assert step.length_m is not None and step.speed_m_s is not None
-        profile = RampProfile(step.length_m, step.speed_m_s, step.ramp_s)
-    elif step.kind == "turn":
-        assert step.angle_rad is not None and step.rate_rad_s is not None
-        profile = RampProfile(step.angle_rad, step.rate_rad_s, step.ramp_s)
     return Step(
         name=step.name,
-        kind=StepKind(step.kind),
         mode=Mode[step.mode.upper()],
-        profile=profile,
-        direction=direction,
-        wait_s=step.duration_s or 0.0,
+        motion=_motion(step),
         writes=() if step.preferences is None else tuple(_writes(step.preferences, joints, where)),
     )
+
+
+def _motion(step: StepTable) -> Motion:
+    """What the step does; its table has been checked for what its kind needs."""
+    match step.kind:
+        case "wait":
+            assert step.duration_s is not None
+            return Wait(step.duration_s)
+        case "line":
+            assert step.direction is not None
+            direction = np.array(step.direction) / np.linalg.norm(step.direction)
+            direction.setflags(write=False)
+            return Line(_profile(step.length_m, step.speed_m_s, step.ramp_s), direction)
+        case "drive":
+            return Drive(_profile(step.length_m, step.speed_m_s, step.ramp_s))
+        case "turn":
+            return Turn(_profile(step.angle_rad, step.rate_rad_s, step.ramp_s))
+        case "grip":
+            assert step.gripper is not None
+            return Grip(Gripper[step.gripper.upper()])
+
+
+def _profile(length: float | None, speed: float | None, ramp_s: float) -> RampProfile:
+    assert length is not None and speed is not None
+    return RampProfile(length, speed, ramp_s)
 
 
 def _writes(preferences: PreferenceTable, joints: int, where: str) -> Iterator[ParameterWrite]:

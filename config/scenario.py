@@ -102,10 +102,11 @@ class StepTable(Table):
     `line`: the TCP moves `length_m` along `direction` at `speed_m_s`. `wait`: nothing for `duration_s`.
     `drive`: the platform goes `length_m` straight at `speed_m_s` (negative length: backwards).
     `turn`: the platform turns `angle_rad` at `rate_rad_s`.
+    `grip`: the gripper opens or closes, as `gripper` says.
     """
 
     name: str
-    kind: Literal["wait", "line", "drive", "turn"]
+    kind: Literal["wait", "line", "drive", "turn", "grip"]
     mode: ModeName = "coordinated"
     duration_s: Positive | None = None
     direction: Vector3 | None = None
@@ -113,6 +114,7 @@ class StepTable(Table):
     speed_m_s: Positive | None = None
     angle_rad: Finite | None = None
     rate_rad_s: Positive | None = None
+    gripper: Literal["open", "close"] | None = None
     ramp_s: Positive = 1.0
     preferences: PreferenceTable | None = None
 
@@ -123,6 +125,7 @@ class StepTable(Table):
             "line": ("direction", "length_m", "speed_m_s"),
             "drive": ("length_m", "speed_m_s"),
             "turn": ("angle_rad", "rate_rad_s"),
+            "grip": ("gripper",),
         }[self.kind]
         for key in needed:
             if getattr(self, key) is None:

@@ -16,6 +16,8 @@ from drivers.catalogue import FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER
 from drivers.frame_codec import FastFrameCodec, InvalidValueError, Number, UnknownFrameError
 from drivers.objects import DeviceDef
 from stack.messages import (
+    Gripper,
+    JointReference,
     MissionCommand,
     Mode,
     PlannerPhase,
@@ -182,10 +184,12 @@ def _build_tracked(values: list[Number], counter: int) -> TrackedPose | None:
 
 
 def _build_mission(values: list[Number], counter: int) -> MissionCommand:
-    mode, step, _ = values
+    mode, step, gripper, _ = values
     if mode not in _MODES:
         raise InvalidValueError(f"mission.mode = {mode}: must be one of {sorted(_MODES)}")
-    return MissionCommand(_MODES[int(mode)], int(step), counter)
+    if gripper not in _GRIPPER:
+        raise InvalidValueError(f"mission.gripper = {gripper}: must be one of {sorted(_GRIPPER)}")
+    return MissionCommand(_MODES[int(mode)], int(step), counter, _GRIPPER[int(gripper)])
 
 
 def _build_state(values: list[Number], counter: int) -> PlannerState:
@@ -204,6 +208,7 @@ def _build_singularity(values: list[Number], counter: int) -> SingularityReport:
 
 _KINDS = {int(kind): kind for kind in SingularityKind}
 _MODES = {int(mode): mode for mode in Mode}
+_GRIPPER = {int(asked): asked for asked in Gripper}
 _PHASES = {int(phase): phase for phase in PlannerPhase}
 _DEVICES = devices()
 
@@ -218,8 +223,15 @@ MISSION = MessageCodec[MissionCommand](
     MissionCommand,
     _DEVICES[STRATEGIC_ID],
     ("mission",),
-    lambda message: [int(message.mode), message.step, 0],
+    lambda message: [int(message.mode), message.step, int(message.gripper), 0],
     _build_mission,
+)
+JOINT_REFERENCE = MessageCodec[JointReference](
+    JointReference,
+    _DEVICES[STRATEGIC_ID],
+    tuple(f"joint_reference_{pair}" for pair in range(1, 5)),
+    lambda message: _entries(message.position, 8, "position"),
+    lambda values, counter: JointReference(np.array(values), counter),
 )
 PLANNER_STATE = MessageCodec[PlannerState](
     PlannerState,
@@ -256,4 +268,13 @@ SINGULARITY = MessageCodec[SingularityReport](
     lambda message: [int(message.kind), message.manifold, *message.margins],
     _build_singularity,
 )
-MESSAGES: tuple[MessageCodec[Any], ...] = (TWIST, MISSION, PLANNER_STATE, REFERENCE, WRENCH, TRACKED_POSE, SINGULARITY)
+MESSAGES: tuple[MessageCodec[Any], ...] = (
+    TWIST,
+    MISSION,
+    JOINT_REFERENCE,
+    PLANNER_STATE,
+    REFERENCE,
+    WRENCH,
+    TRACKED_POSE,
+    SINGULARITY,
+)

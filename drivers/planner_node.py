@@ -20,13 +20,13 @@ from drivers.cia402.configuration import DriveSettings
 from drivers.cia402.master import DriveMaster
 from drivers.cia402.phases import DriveEvent, MasterPhase
 from drivers.clock import Clock, Timer
-from drivers.codec import MISSION, PLANNER_STATE, REFERENCE, TRACKED_POSE, TWIST, ReferencePose
+from drivers.codec import JOINT_REFERENCE, MISSION, PLANNER_STATE, REFERENCE, TRACKED_POSE, TWIST, ReferencePose
 from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from drivers.planner_objects import PlannerObjects
 from drivers.publisher import Publisher, receive
 from drivers.singularity_watch import SingularityWatch
-from stack.messages import Mode, PlannerPhase, TrackedPose
+from stack.messages import JointReference, Mode, PlannerPhase, TrackedPose
 from stack.messages import PlannerState as StateMessage
 from stack.planner.drift import DriftEstimate
 from stack.planner.parameters import PlannerParameters
@@ -94,6 +94,7 @@ class PlannerNode(NodeApplication):
         self._twist = receive(self.node, TWIST)
         self._mission = receive(self.node, MISSION)
         self._tracked = receive(self.node, TRACKED_POSE)
+        self._joints = receive(self.node, JOINT_REFERENCE)
         self._state_out = Publisher(self.node, PLANNER_STATE)
         self._reference_out = Publisher(self.node, REFERENCE)
         self._singularities = SingularityWatch(self.node, planner.arm)
@@ -195,7 +196,13 @@ class PlannerNode(NodeApplication):
             wheels=None if left is None or right is None else (left, right),
             twist=None if twist is None else twist.twist,
             tracked=self._aged(),
+            joints=self._new_joints(),
         )
+
+    def _new_joints(self) -> tuple[JointReference, int] | None:
+        """A joint reference that came since the last cycle, with when it did."""
+        reference: JointReference | None = self._joints.take()
+        return None if reference is None else (reference, self._joints.received_ns)
 
     def _aged(self) -> TrackedPose | None:
         """A tracked pose that came since the last cycle; its age is counted to this cycle's SYNC."""

@@ -12,16 +12,19 @@ from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
 from drivers.canopen.sequence import Download, Sequence, SequenceFailure, Sequencer, Upload
 from drivers.clock import Clock
-from drivers.codec import MISSION, PLANNER_STATE, TWIST
+from drivers.codec import JOINT_REFERENCE, MISSION, PLANNER_STATE, REFERENCE, TWIST, WRENCH, ReferencePose
 from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from drivers.publisher import Publisher, receive
-from drivers.tables.planner import TCP_ROTATION_VECTOR
+from drivers.tables.planner import CONFIGURATION, TCP_ROTATION_VECTOR
 from stack.kinematics.se3 import rotation_exp
-from stack.messages import Matrix, MissionCommand, PlannerState, TwistCommand
-from stack.strategic.mission import CYCLE_NS, Mission, MissionInputs, MissionState, ParameterWrite, Stage
+from stack.messages import JointReference, Matrix, MissionCommand, PlannerState, TwistCommand, Vector, Wrench
+from stack.strategic.mission import Mission, MissionInputs, MissionOutputs, MissionState, ParameterWrite, Stage
+from stack.strategic.motion import CYCLE_NS
 
 STATE_TIMEOUT_NS = 200_000_000
+REFERENCE_TIMEOUT_NS = 100_000_000
+WRENCH_TIMEOUT_NS = 50_000_000
 OnEvent = Callable[[str], None]
 
 
@@ -40,10 +43,14 @@ class StrategicNode(NodeApplication):
         self._running = False
         self._writes_done = False
         self._rotation_RE: Matrix | None = None
+        self._q: Vector | None = None
         self._failure: str | None = None
         self._twist = Publisher(self.node, TWIST)
         self._command = Publisher(self.node, MISSION)
+        self._joints = Publisher(self.node, JOINT_REFERENCE)
         self._planner = receive(self.node, PLANNER_STATE)
+        self._reference = receive(self.node, REFERENCE)
+        self._wrench = receive(self.node, WRENCH)
         self._types = {entry.key: entry.data_type for entry in planner.objects}
         self._sequencer = Sequencer(clock)
         self._client = SdoClient(planner.node_id, self.node.line.send, clock)
@@ -70,20 +77,38 @@ class StrategicNode(NodeApplication):
             return
         now_ns = self._clock.now_ns()
         self._clock.call_at(now_ns + CYCLE_NS, self._cycle)
-        inputs = MissionInputs(now_ns, self.planner_state, self._writes_done, self._rotation_RE, self._failure)
         before = self._state.stage
-        self._state, outputs = self._mission.step(self._state, inputs)
+        self._state, outputs = self._mission.step(self._state, self._inputs(now_ns))
         if self._state.stage is Stage.PREPARING and before is not Stage.PREPARING:
             self._writes_done = False
             self._run("write the planner's parameters", self._write(outputs.writes))
         if outputs.read_orientation:
-            self._rotation_RE = None
-            self._run("read the TCP's orientation", self._read_orientation())
-        self._counter = (self._counter + 1) & 0xFF
-        self._twist.publish(TwistCommand(outputs.twist, self._counter))
-        self._command.publish(MissionCommand(outputs.mode, outputs.step, self._counter))
+            self._rotation_RE = self._q = None
+            self._run("read where the arm is", self._locate(outputs.read_joints))
+        self._publish(outputs)
         if outputs.event is not None:
             self._on_event(outputs.event)
+
+    def _inputs(self, now_ns: int) -> MissionInputs:
+        reference: ReferencePose | None = self._reference.fresh(REFERENCE_TIMEOUT_NS)
+        wrench: Wrench | None = self._wrench.fresh(WRENCH_TIMEOUT_NS)
+        return MissionInputs(
+            now_ns,
+            self.planner_state,
+            self._writes_done,
+            self._rotation_RE,
+            self._failure,
+            self._q,
+            X_RE=_pose(reference) if reference is not None and reference.valid else None,
+            wrench=None if wrench is None else wrench.wrench,
+        )
+
+    def _publish(self, outputs: MissionOutputs) -> None:
+        self._counter = (self._counter + 1) & 0xFF
+        self._twist.publish(TwistCommand(outputs.twist, self._counter))
+        self._command.publish(MissionCommand(outputs.mode, outputs.step, self._counter, outputs.gripper))
+        if outputs.joints is not None:
+            self._joints.publish(JointReference(outputs.joints, self._counter))
 
     def _write(self, writes: tuple[ParameterWrite, ...]) -> Sequence[None]:
         for write in writes:
@@ -91,10 +116,15 @@ class StrategicNode(NodeApplication):
             yield Download(write.index, write.subindex, int(write.value) if integer else float(write.value))
         self._writes_done = True
 
-    def _read_orientation(self) -> Sequence[None]:
+    def _locate(self, joints: bool) -> Sequence[None]:
         vector = np.empty(3)
         for axis in range(3):
             vector[axis] = yield Upload(TCP_ROTATION_VECTOR, axis + 1)
+        if joints:
+            q = np.empty(JOINTS)
+            for joint in range(JOINTS):
+                q[joint] = yield Upload(CONFIGURATION, joint + 1)
+            self._q = q
         self._rotation_RE = rotation_exp(vector)
 
     def _run(self, name: str, sequence: Sequence[None]) -> None:
@@ -106,3 +136,14 @@ class StrategicNode(NodeApplication):
     def _on_response(self, frame: Frame) -> None:
         self._client.on_frame(frame)
         self._sequencer.poll()
+
+
+def _pose(reference: ReferencePose) -> Matrix:
+    """X_RE (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_exp(reference.rotation_vector)
+    pose[:3, 3] = reference.position
+    return pose
+
+
+JOINTS = 8

@@ -24,6 +24,15 @@ class Mode(IntEnum):
     ARM_ONLY = 2
     PLATFORM_ONLY = 3
     COORDINATED = 4
+    JOINTS = 5
+
+
+class Gripper(IntEnum):
+    """What the mission asks of the gripper."""
+
+    KEEP = 0
+    OPEN = 1
+    CLOSE = 2
 
 
 class PlannerPhase(IntEnum):
@@ -92,10 +101,19 @@ class TwistCommand:
 
 @dataclass(frozen=True, slots=True)
 class MissionCommand:
-    """What the strategic layer is doing; `mode` tells the planner how to use the twist."""
+    """What the strategic layer is doing; `mode` tells the planner how to use the twist, `gripper` the gripper what to do."""
 
     mode: Mode
     step: int
+    counter: int
+    gripper: Gripper = Gripper.KEEP
+
+
+@dataclass(frozen=True, slots=True)
+class JointReference:
+    """Where the arm's joints shall be, (8,) rad (m for the lift), when this message is received; one every strategic cycle."""
+
+    position: Vector
     counter: int
 
 

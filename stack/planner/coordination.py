@@ -97,21 +97,19 @@ class Coordinator:
         for table in (self.arm_table_free, self.robot_table_free):
             table[0:2], table[2:4] = -np.inf, np.inf
 
+    def velocity_bounds(self, q: Vector, dq: Vector, parameters: PlannerParameters) -> tuple[Vector, Vector]:
+        """What position, velocity and acceleration limits leave to each joint for the next cycle (n,): lower, upper."""
+        limits = self.limits
+        return velocity_bounds(
+            q, dq, limits.q_min, limits.q_max, limits.dq_max, limits.ddq_max, RECOVERY_RATE, parameters.arm_period_s
+        )
+
     def arm_cycle(
         self, model: ArmState, twist: Vector, dq: Vector, window: float, parameters: PlannerParameters
     ) -> ArmCommand:
         """Joint velocities that give the TCP `twist` (6,) relative to the platform, whose own motion was taken out of it."""
         preferences, limits = parameters.preferences, self.limits
-        lower, upper = velocity_bounds(
-            model.q,
-            dq,
-            limits.q_min,
-            limits.q_max,
-            limits.dq_max,
-            limits.ddq_max,
-            RECOVERY_RATE,
-            parameters.arm_period_s,
-        )
+        lower, upper = self.velocity_bounds(model.q, dq, parameters)
         jacobian = model.end_point_jacobian
         avoiding = self._avoidance(model.q, window, parameters)
         if parameters.method is not Method.PNS:

@@ -13,9 +13,10 @@ import numpy as np
 from stack.kinematics.arm import ArmModel
 from stack.kinematics.platform import platform_of, wheel_speeds
 from stack.kinematics.se3 import pose_inverse
-from stack.messages import Matrix, Mode, Restriction, TrackedPose, Vector
+from stack.messages import JointReference, Matrix, Mode, Restriction, TrackedPose, Vector
 from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated, following
 from stack.planner.drift import DriftEstimate
+from stack.planner.joint_following import JointFollower, velocity_to
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
 from stack.planner.preferences import window
@@ -28,7 +29,8 @@ from stack.planner.tracking import arm_in_odometry, follow_path, moved
 class PlannerInputs:
     """What this cycle has heard. `q` (n,) and `wheels` (left, right; rad) were sampled at `t_ns`; None: missing or stale.
 
-    `twist` (6,) is None when it is stale or was never received; `tracked` is None unless it is new in this cycle.
+    `twist` (6,) is None when it is stale or was never received; `tracked` is None unless it is new in this cycle, and
+    so is `joints`, a joint reference with the time at which it came (ns).
     """
 
     t_ns: int
@@ -37,6 +39,7 @@ class PlannerInputs:
     wheels: tuple[float, float] | None
     twist: Vector | None
     tracked: TrackedPose | None
+    joints: tuple[JointReference, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +62,7 @@ class PlannerState:
     odometry: Odometry = Odometry()
     commanded: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
     rate: PlatformRate = PlatformRate(0.0, 0.0)
+    joints: JointFollower = JointFollower()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +109,8 @@ class Planner:
             heard = _changed_mode(heard, inputs)
         if inputs.mode is Mode.PLATFORM_ONLY:
             return self._drive(heard, inputs, parameters, measured)
+        if inputs.mode is Mode.JOINTS:
+            return self._follow_joints(heard, inputs, parameters, measured)
         return self._reach(heard, inputs, parameters, measured)
 
     def _listen(
@@ -204,6 +210,27 @@ class Planner:
             state.drift.T_RO @ carried, due, commanded,
         )  # fmt: skip
 
+    def _follow_joints(
+        self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters, measured: Matrix
+    ) -> tuple[PlannerState, PlannerOutputs]:
+        """The joints follow a trajectory of the strategic layer, the platform stands. The commanded TCP path is where they lead it."""
+        period = parameters.arm_period_s
+        if inputs.joints is not None:
+            state = replace(state, joints=state.joints.hearing(*inputs.joints))
+        assert state.q_next is not None and state.dq is not None  # `step` has begun
+        target = state.joints.at(inputs.t_ns + 2 * parameters.arm_period_ns)
+        bounds = self.coordinator.velocity_bounds(state.q_next, state.dq, parameters)
+        dq, limited = velocity_to(state.q_next if target is None else target, state.q_next, bounds, period)
+        arm = ArmCommand.holding(self.arm.n)
+        arm = replace(arm, dq=dq, restrictions=Restriction.ACCELERATION if limited else Restriction.NONE)
+        platform = accelerated(PlatformRate(0.0, 0.0), state.rate, parameters.limits, period)
+        _, pose_2 = _poses_ahead(state, period, self.wheels, obeys=False)
+        X_2 = state.drift.T_RO @ arm_in_odometry(*pose_2, self.base, self.arm.pose(state.q_next + dq * period))
+        return self._send(
+            state, inputs, parameters, measured, CommandFilter(), arm, platform, X_2, False,
+            advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
+        )  # fmt: skip
+
     def _send(
         self,
         state: PlannerState,
@@ -261,7 +288,7 @@ def _changed_mode(state: PlannerState, inputs: PlannerInputs) -> PlannerState:
     """Set points go on from where they are, the command starts from zero."""
     if Mode.PLATFORM_ONLY in (state.mode, inputs.mode):
         state = replace(state, commanded=state.odometry.pose, X_RE=None)
-    return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter())
+    return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter(), joints=JointFollower())
 
 
 def _poses_ahead(

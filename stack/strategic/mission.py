@@ -8,22 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
-import numpy as np
-
-from stack.messages import Matrix, Mode, PlannerPhase, PlannerState, Vector
-from stack.strategic.profile import RampProfile
-
-CYCLE_NS = 20_000_000
-
-
-class StepKind(Enum):
-    """What a step's profile runs along."""
-
-    WAIT = "wait"
-    LINE = "line"
-    DRIVE = "drive"
-    TURN = "turn"
+from stack.messages import Gripper, Matrix, Mode, PlannerPhase, PlannerState, Vector
+from stack.strategic.motion import CYCLE_NS, ZERO_TWIST, Motion, MotionInputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +25,16 @@ class ParameterWrite:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: `direction` (3,) unit vector in the reference frame (lines only); `wait_s` for WAIT."""
+    """One step: what it does, in which mode, and what is written into the planner's dictionary before it.
+
+    `reads_joints`: the arm's joints are read, too, before it begins.
+    """
 
     name: str
-    kind: StepKind
     mode: Mode
-    profile: RampProfile | None = None
-    direction: Vector | None = None
-    wait_s: float = 0.0
+    motion: Motion
     writes: tuple[ParameterWrite, ...] = ()
-
-    @property
-    def duration_s(self) -> float:
-        return self.wait_s if self.profile is None else self.profile.duration_s
+    reads_joints: bool = False
 
 
 class Stage(Enum):
@@ -57,7 +42,7 @@ class Stage(Enum):
 
     WAITING = "waiting for the planner"
     PREPARING = "writing parameters"
-    LOCATING = "reading the TCP orientation"
+    LOCATING = "reading where the arm is"
     MOVING = "moving"
     FINISHED = "finished"
     FAILED = "failed"
@@ -65,19 +50,21 @@ class Stage(Enum):
 
 @dataclass(frozen=True, slots=True)
 class MissionState:
-    """Stage, index of the current step and when its profile began."""
+    """Stage, index of the current step, when its motion began, with which orientation of the TCP, and the motion's own state."""
 
     stage: Stage = Stage.WAITING
     index: int = 0
     began_ns: int = 0
     rotation_RE: Matrix | None = None
+    motion: Any = None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionInputs:
     """What the strategic node has heard: `planner` is None when stale or never received.
 
-    `writes_done`: every requested write was confirmed. `rotation_RE` (3, 3): the TCP's orientation as read, or None.
+    `writes_done`: every requested write was confirmed. `rotation_RE` (3, 3) and `q` (n,): orientation of the TCP and the
+    arm's joints as read since they were asked for, or None. The rest: see `stack.strategic.motion.MotionInputs`.
     """
 
     t_ns: int
@@ -85,22 +72,26 @@ class MissionInputs:
     writes_done: bool = False
     rotation_RE: Matrix | None = None
     sdo_failure: str | None = None
+    q: Vector | None = None
+    X_RE: Matrix | None = None
+    wrench: Vector | None = None
+    grasped: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionOutputs:
-    """What to send: a twist (6,) and mode every cycle; writes and the wish to read the orientation once, when entered."""
+    """What to send: a twist (6,), mode and gripper every cycle, joint positions (n,) where a motion has them; writes, and the wish
+    to read the TCP's orientation and the joints, once."""
 
     twist: Vector
     mode: Mode
     step: int
     writes: tuple[ParameterWrite, ...] = ()
     read_orientation: bool = False
+    read_joints: bool = False
     event: str | None = None
-
-
-ZERO_TWIST = np.zeros(6)
-ZERO_TWIST.setflags(write=False)
+    joints: Vector | None = None
+    gripper: Gripper = Gripper.KEEP
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +112,8 @@ class Mission:
         return _STAGES[state.stage](self, state, inputs)
 
     def _rest(self, state: MissionState, event: str | None = None) -> MissionOutputs:
-        mode = Mode.OFF if state.stage in (Stage.WAITING, Stage.FINISHED, Stage.FAILED) else Mode.HOLD
-        return MissionOutputs(ZERO_TWIST, mode, state.index, event=event)
+        """At the end, whichever it is: the planner stops and switches the drives off."""
+        return MissionOutputs(ZERO_TWIST, Mode.OFF, state.index, event=event)
 
     def _wait(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         """Ask for HOLD: the planner enables the drives and reports IDLE."""
@@ -137,33 +128,75 @@ class Mission:
 
     def _prepare(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         if not inputs.writes_done:
-            return state, self._rest(state)
+            return state, MissionOutputs(ZERO_TWIST, self._between(state.index), state.index)
+        step = self.steps[state.index]
         return replace(state, stage=Stage.LOCATING), MissionOutputs(
-            ZERO_TWIST, self.steps[state.index].mode, state.index, read_orientation=True
+            ZERO_TWIST, _standing(step.mode), state.index, read_orientation=True, read_joints=step.reads_joints
         )
 
     def _locate(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         step = self.steps[state.index]
-        if inputs.rotation_RE is None:
-            return state, MissionOutputs(ZERO_TWIST, step.mode, state.index)
+        if inputs.rotation_RE is None or (step.reads_joints and inputs.q is None):
+            return state, MissionOutputs(ZERO_TWIST, _standing(step.mode), state.index)
         moving = replace(state, stage=Stage.MOVING, began_ns=inputs.t_ns, rotation_RE=inputs.rotation_RE)
-        return moving, MissionOutputs(
-            _twist(step, moving, 0.0),
-            step.mode,
-            state.index,
-            event=f"step {state.index + 1}/{len(self.steps)} {step.name!r} begins",
-        )
+        moving = replace(moving, motion=step.motion.begin(_motion_inputs(moving, inputs)))
+        following, outputs = self._move(moving, inputs)
+        begins = f"step {state.index + 1}/{len(self.steps)} {step.name!r} begins"
+        return following, replace(outputs, event=begins if outputs.event is None else f"{begins}; {outputs.event}")
 
     def _move(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         step = self.steps[state.index]
-        t = (inputs.t_ns - state.began_ns) * 1e-9
-        if t < step.duration_s:
-            return state, MissionOutputs(_twist(step, state, t), step.mode, state.index)
+        motion, outputs = step.motion.step(state.motion, _motion_inputs(state, inputs))
+        if outputs.failure is not None:
+            failed = replace(state, stage=Stage.FAILED)
+            return failed, self._rest(failed, event=f"step {step.name!r}: {outputs.failure}")
+        if not outputs.done:
+            return replace(state, motion=motion), MissionOutputs(
+                outputs.twist,
+                step.mode,
+                state.index,
+                event=outputs.event,
+                joints=outputs.joints,
+                gripper=outputs.gripper,
+            )
         if state.index + 1 == len(self.steps):
             done = replace(state, stage=Stage.FINISHED)
-            return done, self._rest(done, event="all steps done")
+            said = "all steps done" if outputs.event is None else f"{outputs.event}; all steps done"
+            return done, self._rest(done, event=said)
         following = replace(state, stage=Stage.PREPARING, index=state.index + 1)
-        return following, MissionOutputs(ZERO_TWIST, step.mode, state.index, writes=self.steps[following.index].writes)
+        return following, MissionOutputs(
+            ZERO_TWIST,
+            self._between(following.index),
+            state.index,
+            writes=self.steps[following.index].writes,
+            event=outputs.event,
+        )
+
+    def _between(self, index: int) -> Mode:
+        """The mode while the parameters of step `index` are written: one that goes on goes on (a platform need not stop between
+        two steps), a new one begins with its parameters in force."""
+        before, after = self.steps[max(index - 1, 0)].mode, self.steps[index].mode
+        return _standing(after) if index > 0 and before is after else Mode.HOLD
+
+
+def _standing(mode: Mode) -> Mode:
+    """The mode in which a step waits for its beginning: its own, unless that needs more than a twist of zero to stand still."""
+    return Mode.HOLD if mode is Mode.JOINTS else mode
+
+
+def _motion_inputs(state: MissionState, inputs: MissionInputs) -> MotionInputs:
+    assert (
+        inputs.planner is not None and state.rotation_RE is not None
+    )  # a silent planner ends the mission; set by LOCATING
+    return MotionInputs(
+        (inputs.t_ns - state.began_ns) * 1e-9,
+        inputs.planner,
+        state.rotation_RE,
+        inputs.X_RE,
+        inputs.wrench,
+        inputs.grasped,
+        inputs.q,
+    )
 
 
 def _failure(state: MissionState, inputs: MissionInputs) -> str | None:
@@ -174,22 +207,6 @@ def _failure(state: MissionState, inputs: MissionInputs) -> str | None:
     if inputs.planner.phase is PlannerPhase.FAULT:
         return "the planner reports a fault"
     return None
-
-
-def _twist(step: Step, state: MissionState, t: float) -> Vector:
-    """The step's twist for the next cycle: in the end-point frame for lines, of the platform for drive and turn."""
-    twist = np.zeros(6)
-    if step.profile is None:
-        return twist
-    speed = step.profile.mean_velocity(t, CYCLE_NS * 1e-9)
-    if step.kind is StepKind.LINE:
-        assert step.direction is not None and state.rotation_RE is not None  # by construction of the step and of MOVING
-        twist[:3] = state.rotation_RE.T @ (step.direction * speed)
-    elif step.kind is StepKind.DRIVE:
-        twist[0] = speed
-    elif step.kind is StepKind.TURN:
-        twist[5] = speed
-    return twist
 
 
 _STAGES = {

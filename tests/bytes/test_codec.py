@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.catalogue import devices
 from drivers.checksum import crc8_j1850
 from drivers.codec import (
+    JOINT_REFERENCE,
     MESSAGES,
     MISSION,
     PLANNER_STATE,
@@ -25,6 +26,8 @@ from drivers.codec import (
 )
 from drivers.frame_codec import CodecError, InvalidValueError, UnknownFrameError, WrongChecksumError, WrongLengthError
 from stack.messages import (
+    Gripper,
+    JointReference,
     MissionCommand,
     Mode,
     PlannerPhase,
@@ -55,6 +58,17 @@ LAYOUTS = [
         ],
     ),
     (MISSION, MissionCommand(Mode.COORDINATED, 3, 255), [(0x481, bytes([4, 3, 0, 0, 0, 0, 255]))]),
+    (MISSION, MissionCommand(Mode.JOINTS, 1, 2, Gripper.CLOSE), [(0x481, bytes([5, 1, 2, 0, 0, 0, 2]))]),
+    (
+        JOINT_REFERENCE,
+        JointReference(np.array([1e-6, -1e-6, 0.5, -0.5, 1.0, -1.0, 3.0, -3.0]), 7),
+        [
+            (0x1E3, bytes([0x01, 0, 0, 0xFF, 0xFF, 0xFF, 7])),
+            (0x2E3, bytes([0x20, 0xA1, 0x07, 0xE0, 0x5E, 0xF8, 7])),
+            (0x3E3, bytes([0x40, 0x42, 0x0F, 0xC0, 0xBD, 0xF0, 7])),
+            (0x4E3, bytes([0xC0, 0xC6, 0x2D, 0x40, 0x39, 0xD2, 7])),
+        ],
+    ),
     (
         PLANNER_STATE,
         PlannerState(PlannerPhase.EXECUTING, 1, Restriction.JOINT_8 | Restriction.INFEASIBLE, 1.0, 0),
@@ -185,8 +199,10 @@ def test_an_unknown_identifier_is_an_error():
 
 
 def test_a_mode_or_phase_that_does_not_exist_is_an_error():
-    with pytest.raises(InvalidValueError, match="mode = 5"):
-        MISSION.assembler().feed(0x481, sealed(0x481, bytes([5, 0, 0, 0, 0, 0, 0])))
+    with pytest.raises(InvalidValueError, match="mode = 6"):
+        MISSION.assembler().feed(0x481, sealed(0x481, bytes([6, 0, 0, 0, 0, 0, 0])))
+    with pytest.raises(InvalidValueError, match="gripper = 3"):
+        MISSION.assembler().feed(0x481, sealed(0x481, bytes([4, 0, 3, 0, 0, 0, 0])))
     with pytest.raises(InvalidValueError, match="phase = 8"):
         PLANNER_STATE.assembler().feed(0x182, sealed(0x182, bytes([8, 0, 0, 0, 0, 0, 0])))
 

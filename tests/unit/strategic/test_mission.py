@@ -5,24 +5,24 @@ import pytest
 
 from stack.messages import Mode, PlannerPhase, PlannerState, Restriction
 from stack.strategic.mission import (
-    CYCLE_NS,
     Mission,
     MissionInputs,
     MissionState,
     ParameterWrite,
     Stage,
     Step,
-    StepKind,
 )
+from stack.strategic.motion import CYCLE_NS
 from stack.strategic.profile import RampProfile
+from stack.strategic.profiled import Grip, Line, Turn, Wait
 
 WRITE = ParameterWrite(0x2011, 3, 0.5)
 LATER = ParameterWrite(0x2011, 4, 0.25)
 MISSION = Mission(
     steps=(
-        Step("pull", StepKind.LINE, Mode.COORDINATED, RampProfile(0.4, 0.2, 0.5), np.array([0.0, 1.0, 0.0])),
-        Step("turn", StepKind.TURN, Mode.PLATFORM_ONLY, RampProfile(0.6, 0.5, 0.5), writes=(LATER,)),
-        Step("rest", StepKind.WAIT, Mode.HOLD, wait_s=0.2),
+        Step("pull", Mode.COORDINATED, Line(RampProfile(0.4, 0.2, 0.5), np.array([0.0, 1.0, 0.0]))),
+        Step("turn", Mode.PLATFORM_ONLY, Turn(RampProfile(0.6, 0.5, 0.5)), writes=(LATER,)),
+        Step("rest", Mode.HOLD, Wait(0.2)),
     ),
     initial_writes=(WRITE,),
 )
