@@ -103,7 +103,6 @@ def _tracker(robot: Robot, scenario: Scenario, world: World, clock: Clock, bus: 
         lambda t_ns: camera.expose(t_ns, world.physics.pose_WE()),
         camera.deliver,
         period_ns=camera.period_ns,
-        latency_ns=camera.latency_ns,
     )
 
 

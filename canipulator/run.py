@@ -211,6 +211,7 @@ class LockstepRun:
             recorder_fault=self.log.recorder_fault,
             dropped_blocks=self.log.dropped_blocks,
             extra=self._own_metrics(),
+            platform_path=None if scenario.platform_path is None else scenario.platform_path.build(),
         )
         metrics = evaluate(self.log.table, self.robot.arm, facts)
         return metrics.judged(expectations(scenario.expect)) if judged else metrics
@@ -265,7 +266,7 @@ def check_expectations(scenario: Scenario, robot: Robot) -> None:
     nothing = evaluate(SignalTable(), robot.arm, facts)
     joints = dict.fromkeys(robot.arm.joint_names, 0.0)
     try:
-        replace(nothing, joint_travel=joints).judged(expectations(scenario.expect))
+        replace(nothing, joint_travel=joints, joint_acceleration_step_max=joints).judged(expectations(scenario.expect))
     except ValueError as error:
         raise ConfigError(f"{scenario.name}: {error}") from None
 

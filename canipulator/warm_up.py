@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from config.robot import Robot, planner_parameters
@@ -18,6 +20,8 @@ CYCLES = 12
 def warm_up(robot: Robot, scenario: Scenario) -> None:
     """Some cycles of every mode with a planner that is thrown away; takes about a tenth of a second."""
     planner, parameters = Planner(robot.arm, robot.limits), planner_parameters(robot, scenario)
+    if scenario.platform_path is not None:
+        parameters = replace(parameters, platform_path=scenario.platform_path.build())
     period_ns = parameters.arm_period_ns
     home = np.array(robot.arm.home)
     for mode in (Mode.OFF, Mode.HOLD, Mode.ARM_ONLY, Mode.PLATFORM_ONLY, Mode.COORDINATED):

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from config.errors import ConfigError
+from config.guidance import GuidanceTable, guide, pull_door
+from config.platform_path import path_writes
 from config.scenario import PreferenceTable, Scenario, StepTable
 from drivers.tables import planner as table
 from stack.messages import Gripper, Mode
@@ -27,6 +29,7 @@ _PLATFORM = (
     ("platform_gain", table.PLATFORM_GAIN),
     ("platform_max_rate", table.PLATFORM_MAX_RATE),
     ("platform_feed_forward", table.PLATFORM_FEED_FORWARD),
+    ("platform_speed_m_s", table.PLATFORM_SPEED),
 )
 
 
@@ -43,13 +46,14 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
         ParameterWrite(table.JOINT_LIMIT_RULES, 0, int(planner.joint_limit_rules)),
         ParameterWrite(table.REPULSION, 0, int(planner.repulsion)),
         ParameterWrite(table.CIRCUMVENTION, 0, int(planner.circumvention)),
+        ParameterWrite(table.COLLISION_AVOIDANCE, 0, int(planner.collision_avoidance)),
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))
     steps = tuple(_step(step, joints, f"{scenario.name}: step {i}") for i, step in enumerate(scenario.step))
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
-    return Mission(steps, choices + preferences)
+    return Mission(steps, choices + preferences + tuple(path_writes(scenario.platform_path)))
 
 
 def _step(step: StepTable, joints: int, where: str) -> Step:
@@ -79,6 +83,12 @@ def _motion(step: StepTable) -> Motion:
         case "grip":
             assert step.gripper is not None
             return Grip(Gripper[step.gripper.upper()])
+        case "guide":
+            assert step.duration_s is not None
+            return guide(step.guidance or GuidanceTable(), step.duration_s)
+        case "door":
+            assert step.pull is not None
+            return pull_door(step.pull)
 
 
 def _profile(length: float | None, speed: float | None, ramp_s: float) -> RampProfile:

@@ -69,6 +69,7 @@ def planner_parameters(robot: Robot, scenario: Scenario) -> PlannerParameters:
         joint_limit_rules=table.joint_limit_rules,
         repulsion=table.repulsion,
         circumvention=table.circumvention,
+        collision_avoidance=table.collision_avoidance,
     )
 
 

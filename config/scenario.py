@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from config.guidance import DoorStepTable, GuidanceTable
+from config.platform_path import PlatformPathTable
 from config.table import Finite, NotNegative, Positive, Table, Vector3
 
 Method = Literal["pns", "fsp", "gradient", "qp"]
@@ -29,6 +31,7 @@ class PlannerTable(Table):
     joint_limit_rules: bool = True
     repulsion: bool = False
     circumvention: bool = False
+    collision_avoidance: bool = False
 
     @field_validator("arm_cycle_hz")
     @classmethod
@@ -94,6 +97,7 @@ class PreferenceTable(Table):
     platform_gain: NotNegative | None = None
     platform_max_rate: NotNegative | None = None
     platform_feed_forward: NotNegative | None = None
+    platform_speed_m_s: Finite | None = None
 
 
 class StepTable(Table):
@@ -103,10 +107,11 @@ class StepTable(Table):
     `drive`: the platform goes `length_m` straight at `speed_m_s` (negative length: backwards).
     `turn`: the platform turns `angle_rad` at `rate_rad_s`.
     `grip`: the gripper opens or closes, as `gripper` says.
+    `guide`: the TCP gives way to the force on it for `duration_s`, as `guidance` says. `door`: pulls a hinged door open, see `pull`.
     """
 
     name: str
-    kind: Literal["wait", "line", "drive", "turn", "grip"]
+    kind: Literal["wait", "line", "drive", "turn", "grip", "guide", "door"]
     mode: ModeName = "coordinated"
     duration_s: Positive | None = None
     direction: Vector3 | None = None
@@ -115,6 +120,8 @@ class StepTable(Table):
     angle_rad: Finite | None = None
     rate_rad_s: Positive | None = None
     gripper: Literal["open", "close"] | None = None
+    guidance: GuidanceTable | None = None
+    pull: DoorStepTable | None = None
     ramp_s: Positive = 1.0
     preferences: PreferenceTable | None = None
 
@@ -126,6 +133,8 @@ class StepTable(Table):
             "drive": ("length_m", "speed_m_s"),
             "turn": ("angle_rad", "rate_rad_s"),
             "grip": ("gripper",),
+            "guide": ("duration_s",),
+            "door": ("pull",),
         }[self.kind]
         for key in needed:
             if getattr(self, key) is None:
@@ -165,6 +174,7 @@ class Scenario(Table):
     feedback: FeedbackTable = FeedbackTable()
     start: StartTable = StartTable()
     preferences: PreferenceTable = PreferenceTable()
+    platform_path: PlatformPathTable | None = None
     cases: dict[Literal["1", "2", "3", "4"], PreferenceTable] = Field(default_factory=dict)
     step: tuple[StepTable, ...]
     expect: tuple[ExpectTable, ...] = ()

@@ -80,7 +80,7 @@ class PlannerNode(NodeApplication):
         self._objects = PlannerObjects(self.node, parameters, lambda: self)
         self._period_ns = parameters.arm_period_ns
         self._stopping_since_ns: int | None = None
-        self._sync_ns = 0
+        self._sync_ns = self._last_sync_ns = 0
         self._sync_count = 0
         self._answered = 0
         self._deadline: Timer | None = None
@@ -123,7 +123,7 @@ class PlannerNode(NodeApplication):
         """The node's own SYNC was given to the bus."""
         if self._deadline is not None:
             self._compute(complete=False)
-        self._sync_ns = self._clock.now_ns()
+        self._last_sync_ns, self._sync_ns = self._sync_ns, self._clock.now_ns()
         self._sync_count = (self._sync_count + 1) & 0xFFFF
         self._answered = 0
         self.master.on_sync()
@@ -205,11 +205,11 @@ class PlannerNode(NodeApplication):
         return None if reference is None else (reference, self._joints.received_ns)
 
     def _aged(self) -> TrackedPose | None:
-        """A tracked pose that came since the last cycle; its age is counted to this cycle's SYNC."""
+        """A tracked pose that came since the last cycle. Its age is that at the SYNC after which it was sent; here, at this cycle's."""
         tracked: TrackedPose | None = self._tracked.take()
-        if tracked is None:
-            return None
-        return replace(tracked, age_ns=tracked.age_ns + self._sync_ns - self._tracked.received_ns)
+        if tracked is None or self._tracked.received_ns >= self._sync_ns:
+            return tracked
+        return replace(tracked, age_ns=tracked.age_ns + self._sync_ns - self._last_sync_ns)
 
     def _mode(self) -> Mode:
         """The mode that the mission asks for, as far as the drives allow it; runs the phases on the way."""

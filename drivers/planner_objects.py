@@ -11,7 +11,9 @@ import numpy as np
 
 from drivers.canopen.node import CanopenNode
 from drivers.objects import Value
+from drivers.platform_path_objects import PlatformPathObjects
 from drivers.tables import planner as table
+from stack.kinematics.proximity import Box
 from stack.kinematics.se3 import rotation_log
 from stack.messages import PlannerPhase, Vector
 from stack.planner.parameters import Coordination, Method, PlannerParameters
@@ -36,6 +38,7 @@ _PLATFORM = {
     table.PLATFORM_GAIN: "platform_gain",
     table.PLATFORM_MAX_RATE: "platform_max_rate",
     table.PLATFORM_FEED_FORWARD: "platform_feed_forward",
+    table.PLATFORM_SPEED: "platform_speed",
 }
 
 
@@ -45,10 +48,12 @@ class PlannerObjects:
     def __init__(self, node: CanopenNode, initial: PlannerParameters, reported: Callable[[], Reported]) -> None:
         self.parameters = initial
         self._initial = initial
+        self._obstacles = np.zeros((len(table.OBSTACLES), len(table.OBSTACLE_NAMES)))
         self._dictionary = node.dictionary
         self._reported = reported
         self._bind_choices()
         self._bind_preferences()
+        PlatformPathObjects(node.dictionary, lambda path: self._change(platform_path=path))
         self._bind_reports(initial.limits.q_min.size)
 
     def restore(self) -> None:
@@ -61,6 +66,11 @@ class PlannerObjects:
         objects.set(table.JOINT_LIMIT_RULES, 0, int(self._initial.joint_limit_rules))
         objects.set(table.REPULSION, 0, int(self._initial.repulsion))
         objects.set(table.CIRCUMVENTION, 0, int(self._initial.circumvention))
+        objects.set(table.COLLISION_AVOIDANCE, 0, int(self._initial.collision_avoidance))
+        self._obstacles[:] = 0.0
+        for index in table.OBSTACLES:
+            for i in range(len(table.OBSTACLE_NAMES)):
+                objects.set(index, i + 1, 0.0)
         for index, name in _ARRAYS.items():
             for i, value in enumerate(getattr(wish, name)):
                 objects.set(index, i + 1, float(value))
@@ -75,6 +85,16 @@ class PlannerObjects:
         bind(table.JOINT_LIMIT_RULES, sink=lambda value: self._change(joint_limit_rules=bool(value)))
         bind(table.REPULSION, sink=lambda value: self._change(repulsion=bool(value)))
         bind(table.CIRCUMVENTION, sink=lambda value: self._change(circumvention=bool(value)))
+        bind(table.COLLISION_AVOIDANCE, sink=lambda value: self._change(collision_avoidance=bool(value)))
+        for number, index in enumerate(table.OBSTACLES):
+            for i in range(len(table.OBSTACLE_NAMES)):
+                bind(index, i + 1, sink=partial(self._place, number, i))
+
+    def _place(self, number: int, i: int, value: Value) -> None:
+        """One number of an obstacle; it is there as soon as it has a volume."""
+        self._obstacles[number, i] = float(value)
+        boxes = (Box(*row) for row in self._obstacles.tolist())
+        self._change(obstacles=tuple(box for box in boxes if min(box.length, box.width, box.height) > 0.0))
 
     def _change(self, **fields: Any) -> None:
         self.parameters = replace(self.parameters, **fields)

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from logs.expectations import Expectation, Verdict, judge
+from logs.path_metrics import acceleration_steps, driven_distances, largest_distance_to_curve, platform_path_deviation
 from logs.signals import Signal, SignalTable
 from stack.kinematics import ArmModel
+from stack.planner.platform_path import RelativePath
 
 POSITION_TOLERANCE = 1e-6
 """rad or m beyond a limit that do not count: the resolution of the wire."""
@@ -25,6 +27,7 @@ class RunFacts:
     """What the signals do not tell; measured by whoever ran the run.
 
     `arm_cycle_us` (n,): computing time of each arm cycle. `extra`: a scenario's own numbers, e.g. a door's angle.
+    `platform_path`: what the platform's deviation is measured against.
     """
 
     scenario: str
@@ -42,6 +45,7 @@ class RunFacts:
     recorder_fault: str | None = None
     dropped_blocks: int = 0
     extra: Mapping[str, float | None] = field(default_factory=dict)
+    platform_path: RelativePath | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,7 @@ class Metrics:
     cycles with a valid reference; `lateral` leaves out the part along the path. `reference_segments`: how often references
     became valid; each time the reference frame is placed anew. Manipulability (of the TCP's 6 rows, and of the wrist
     centre's 3) is sampled at 20 Hz. `bus_load_*`: per 100 ms. `joint_travel`: last minus first position.
+    `tcp_path_error_max_m`, `platform_…`, `joint_acceleration_step_max` (while references are valid): see `logs.path_metrics`.
     """
 
     scenario: str
@@ -91,6 +96,7 @@ class Metrics:
     tcp_orientation_error_max_rad: float | None
     reference_segments: int
     tcp_travel_m: float | None
+    tcp_path_error_max_m: float | None
     bus_load_mean: float | None
     bus_load_peak: float | None
     frames: int
@@ -105,8 +111,13 @@ class Metrics:
     mean_manipulability_arm: float | None
     mean_manipulability_robot: float | None
     joint_travel: Mapping[str, float]
+    joint_acceleration_step_max: Mapping[str, float]
     platform_travel_m: float | None
     platform_turn_rad: float | None
+    platform_distance_forward_m: float | None
+    platform_distance_backward_m: float | None
+    platform_path_error_max_m: float | None
+    platform_path_turn_max_rad: float | None
     max_contact_force_n: float | None
     max_wheel_slip: float | None
     min_path_scale: float | None
@@ -144,6 +155,10 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
     segment, scale, slip, wrench = (
         table.get(name) for name in ("reference/segment", "planner/state", "truth/wheel_slip", "truth/contact_wrench")
     )
+    pose_WB, dq = table.get("truth/pose_WB"), table.get("truth/dq")
+    forward, backward = driven_distances(pose_WB)
+    off_path, off_tangent = platform_path_deviation(pose_WB, table.get("mission"), facts.platform_path)
+    judged_ns = None if error is None else (int(error.t_ns[0]), int(error.t_ns[-1]))
     distance, lateral, rotation = error.values.T if error is not None else (np.empty(0),) * 3
     return Metrics(
         scenario=facts.scenario,
@@ -166,6 +181,7 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
         tcp_orientation_error_max_rad=_largest(rotation),
         reference_segments=int(segment.values.max()) if segment is not None else 0,
         tcp_travel_m=_travel(table.get("truth/pose_WE")),
+        tcp_path_error_max_m=largest_distance_to_curve(table.get("truth/pose_WE"), table.get("tcp/commanded")),
         bus_load_mean=float(load.values.mean()) if load is not None else None,
         bus_load_peak=float(load.values.max()) if load is not None else None,
         frames=facts.frames,
@@ -180,8 +196,13 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
         mean_manipulability_arm=mean[0],
         mean_manipulability_robot=mean[1],
         joint_travel=_joint_travel(table.get("truth/q"), arm),
-        platform_travel_m=_travel(table.get("truth/pose_WB")),
-        platform_turn_rad=_turn(table.get("truth/pose_WB")),
+        joint_acceleration_step_max=acceleration_steps(dq, judged_ns, arm.joint_names),
+        platform_travel_m=_travel(pose_WB),
+        platform_turn_rad=_turn(pose_WB),
+        platform_distance_forward_m=forward,
+        platform_distance_backward_m=backward,
+        platform_path_error_max_m=off_path,
+        platform_path_turn_max_rad=off_tangent,
         max_contact_force_n=_largest(np.linalg.norm(wrench.values[:, :3], axis=1)) if wrench is not None else None,
         max_wheel_slip=_largest(np.abs(slip.values)) if slip is not None else None,
         min_path_scale=float(scale.values[:, 3].min()) if scale is not None else None,

@@ -34,7 +34,7 @@ class TrackerParameters:
 
 
 class Tracker:
-    """Whoever owns the clock calls `expose` every `period_ns`, and `deliver` `latency_ns` after each exposure."""
+    """Whoever owns the clock calls `expose` every `period_ns`, and `deliver` whenever a message may be sent."""
 
     def __init__(self, parameters: TrackerParameters, seed: int, tick_ns: int = 1_000_000) -> None:
         self.parameters = parameters

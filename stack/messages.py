@@ -67,7 +67,7 @@ class Restriction(IntFlag):
     STALE_TWIST = 1 << 12
     STALE_DRIVE = 1 << 13
     DEGRADED = 1 << 14
-    INFEASIBLE = 1 << 15
+    COLLISION = 1 << 15
 
 
 class SingularityKind(IntEnum):

@@ -15,6 +15,7 @@ class Verdict:
     drop: nobody gets it, observers included, and its sender does not notice.
     delay_ns: everybody gets it that much later, as from a slow gateway.
     data: replaces the payload: corruption that the CRC did not see.
+    repeat: its sender sees no acknowledgement and sends it once more: everybody gets it twice.
     wire_error: the receivers saw a bit error: an error frame follows and the sender's controller repeats the frame.
     bus_off: the sender's controller leaves the bus after this frame; what it had queued is lost.
     """
@@ -22,6 +23,7 @@ class Verdict:
     drop: bool = False
     delay_ns: int = 0
     data: bytes | None = None
+    repeat: bool = False
     wire_error: bool = False
     bus_off: bool = False
 

@@ -131,6 +131,11 @@ class LockstepBus:
         self._ports[name].online = True
         self._forget_routes()
 
+    @property
+    def port_names(self) -> tuple[str, ...]:
+        """Every port, in the order in which they were attached."""
+        return tuple(self._ports)
+
     def statistics(self) -> BusStatistics:
         """The traffic since the bus was made."""
         now_ns = self._clock.now_ns()
@@ -250,7 +255,7 @@ class LockstepBus:
     def _deliver_unless_faulty(self, request: _Request, frame: Frame) -> None:
         assert self.intercept is not None
         port, requested_ns = request[2], request[4]
-        verdict = self.intercept(port.name, frame)
+        verdict = None if request[1] < 0 else self.intercept(port.name, frame)  # a repeated frame was judged already
         if verdict is not None and verdict.wire_error:
             self._add_error_frame()
             heappush(self._pending, request)  # keeps its age: first again among its identifier
@@ -269,6 +274,9 @@ class LockstepBus:
                     self._clock.call_at(late.t_ns, arrive)
                 else:
                     arrive()
+                if verdict.repeat:
+                    port.queued += 1
+                    heappush(self._pending, (request[0], ~request[1], *request[2:]))
         if verdict is not None and verdict.bus_off:
             self.disconnect(port.name)
 

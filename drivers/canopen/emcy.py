@@ -21,6 +21,7 @@ class EmcyCode(IntEnum):
     """Error codes in use, after CiA 301 table 26 and CiA 402."""
 
     ERROR_RESET = 0x0000
+    OVER_CURRENT = 0x2310
     SENSOR = 0x7300
     COMMUNICATION = 0x8100
     HEARTBEAT = 0x8130

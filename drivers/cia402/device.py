@@ -88,6 +88,10 @@ class Drive(NodeApplication):
         self._switch_off(State.NOT_READY)
         self._previous_nmt_state = NmtState.INITIALISING
 
+    def trip(self) -> None:
+        """The power stage has switched itself off: too much current. FAULT without a ramp."""
+        self._fault(EmcyCode.OVER_CURRENT, at_once=True)
+
     # ---- what comes from the network
 
     def on_reset(self, whole: bool) -> None:

@@ -19,7 +19,7 @@ CODE_OF_ALARM = {
     Alarm.OVERSPEED: EmcyCode.VELOCITY,
     Alarm.POSITION_LIMIT: EmcyCode.REFERENCE_LIMIT,
 }
-_RESET = (*CODE_OF_ALARM.values(), EmcyCode.SYNC_LOST, EmcyCode.RPDO_TIMEOUT, EmcyCode.COMMUNICATION)
+_RESET = (EmcyCode.OVER_CURRENT, *CODE_OF_ALARM.values(), EmcyCode.SYNC_LOST, EmcyCode.RPDO_TIMEOUT, EmcyCode.COMMUNICATION)
 
 
 class Faults:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from drivers.objects import Access, DataType, DeviceDef, ObjectDef
 from drivers.tables.communication import U8, U16, Identity, array
 from drivers.tables.fast import FastFrame, Signal, fast_device, vector
+from drivers.tables.platform_path import platform_path_objects
 from stack.messages import SingularityKind
 from stack.planner.parameters import Coordination, Method
 
@@ -28,13 +29,16 @@ PREFERENCE_NAMES = (*JOINT_NAMES, "unused 9", "unused 10")
 MODE, METHOD, COORDINATION, PHASE, RESTRICTIONS, NULL_SPACE_MOTION, STATUS, PATH_SCALE, JOINT_LIMIT_RULES = range(
     0x2000, 0x2009
 )
-REPULSION, CIRCUMVENTION = range(0x2009, 0x200B)
+REPULSION, CIRCUMVENTION, COLLISION_AVOIDANCE = range(0x2009, 0x200C)
 PREFERRED_CONFIGURATION, HEIGHTS, WIDTHS, WEIGHTS, PLATFORM = range(0x2010, 0x2015)
 CONFIGURATION, TCP_POSITION, TCP_ROTATION_VECTOR = range(0x2020, 0x2023)
 SINGULAR_VALUES, MANIPULABILITY = range(0x2030, 0x2032)
 SINGULARITY_MARGINS, SINGULARITY_KIND, NEAREST_MANIFOLD, MANIFOLD_MARGINS, SINGULARITY_RADIUS = range(0x2040, 0x2045)
-PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD = range(1, 5)
+PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD, PLATFORM_SPEED = range(1, 6)
 """Sub-indices of 2014h."""
+OBSTACLES = range(0x2050, 0x2054)
+OBSTACLE_NAMES = ("x", "y", "z", "length", "width", "height", "yaw")
+"""A box in the reference frame, m and rad; one without height, width or length is none."""
 LEAST_WIDTH, LEAST_WEIGHT = 1e-3, 1e-4
 """A width divides, and a weight of zero leaves the criterion without a minimum."""
 
@@ -89,6 +93,7 @@ def _parameters() -> list[ObjectDef]:
         ObjectDef(JOINT_LIMIT_RULES, 0, "Joint limit rules", U8, Access.RW, 1, low=0, high=1),
         ObjectDef(REPULSION, 0, "Repulsion", U8, Access.RW, 0, low=0, high=1),
         ObjectDef(CIRCUMVENTION, 0, "Circumvention", U8, Access.RW, 0, low=0, high=1),
+        ObjectDef(COLLISION_AVOIDANCE, 0, "Collision avoidance", U8, Access.RW, 0, low=0, high=1),
         ObjectDef(STATUS, 0, "Status", U8, Access.RO, 0, mappable=True),
         ObjectDef(PATH_SCALE, 0, "Path scale", U16, Access.RO, PATH_SCALE_ONE, mappable=True, scale=1 / PATH_SCALE_ONE),
         # joint 2 is the lift: metres where the others have radians
@@ -96,7 +101,13 @@ def _parameters() -> list[ObjectDef]:
         *array(HEIGHTS, "Heights of the preferences", PREFERENCE_NAMES, REAL32, low=0.0),
         *array(WIDTHS, "Widths of the preferences", PREFERENCE_NAMES, REAL32, defaults=[1.0] * 10, low=LEAST_WIDTH),
         *array(WEIGHTS, "Weights of the motions", WEIGHT_NAMES, REAL32, defaults=[1.0] * 10, low=LEAST_WEIGHT),
-        *array(PLATFORM, "Platform", ("angle", "gain", "max rate", "feed forward"), REAL32),
+        *array(PLATFORM, "Platform", ("angle", "gain", "max rate", "feed forward", "speed"), REAL32),
+        *(
+            entry
+            for number, index in enumerate(OBSTACLES, start=1)
+            for entry in array(index, f"Obstacle {number}", OBSTACLE_NAMES, REAL32)
+        ),
+        *platform_path_objects(),
         *array(CONFIGURATION, "Configuration", JOINT_NAMES, REAL32, access=Access.RO),
         *array(TCP_POSITION, "TCP position", ("x", "y", "z"), REAL32, access=Access.RO, unit="m"),
         *array(TCP_ROTATION_VECTOR, "TCP rotation vector", ("x", "y", "z"), REAL32, access=Access.RO, unit="rad"),

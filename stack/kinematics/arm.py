@@ -189,15 +189,35 @@ _LINK = "link/"
 
 def _arm_only(urdf: Path, joints: tuple[str, ...], base_link: str) -> tuple[Any, Any]:
     """Pinocchio model of the named joints alone, its universe moved to the arm's base, and where that base was."""
-    model: Any = pin.buildModelFromUrdf(str(urdf))
-    for frame in model.frames:
-        # A link and a joint may share a name in URDF; Pinocchio keeps both in one list of frames.
-        if frame.type == pin.FrameType.BODY:
-            frame.name = _LINK + frame.name
-    others = [model.getJointId(name) for name in model.names[1:] if name not in joints]
-    model = pin.buildReducedModel(model, others, pin.neutral(model))
+    model = _whole(urdf)
+    model = pin.buildReducedModel(model, _others(model, joints), pin.neutral(model))
     if tuple(model.names[1:]) != joints:
         raise ValueError(f"{urdf}: joints {tuple(model.names[1:])} differ from robot.toml's {joints}")
     base = model.frames[model.getFrameId(_LINK + base_link)].placement.copy()
     model.jointPlacements[1] = base.actInv(model.jointPlacements[1])
     return model, base
+
+
+def arm_with_shapes(urdf: Path, joints: tuple[str, ...], base_link: str) -> tuple[Any, Any]:
+    """The same model and the collision shapes of the URDF on it, those of the platform fixed to the universe."""
+    shapes: Any = pin.buildGeomFromUrdf(pin.buildModelFromUrdf(str(urdf)), str(urdf), pin.GeometryType.COLLISION)
+    model = _whole(urdf)
+    _, shapes = pin.buildReducedModel(model, shapes, _others(model, joints), pin.neutral(model))
+    arm, base = _arm_only(urdf, joints, base_link)
+    for shape in shapes.geometryObjects:
+        if shape.parentJoint == 0:
+            shape.placement = base.actInv(shape.placement)
+    return arm, shapes
+
+
+def _whole(urdf: Path) -> Any:
+    model: Any = pin.buildModelFromUrdf(str(urdf))
+    for frame in model.frames:
+        # A link and a joint may share a name in URDF; Pinocchio keeps both in one list of frames.
+        if frame.type == pin.FrameType.BODY:
+            frame.name = _LINK + frame.name
+    return model
+
+
+def _others(model: Any, joints: tuple[str, ...]) -> list[Any]:
+    return [model.getJointId(name) for name in model.names[1:] if name not in joints]

@@ -58,12 +58,36 @@ def repulsion(margins: Mapping[str, Margin], avoidance: Avoidance) -> Vector:
 @dataclass(frozen=True, slots=True, eq=False)
 class Zones:
     """The manifolds whose shell the arm is in, k of them: `names`; `normals` (k, n): margin gradients; `softness` (k,): s, 1 at the
-    outer edge, 0 at the safety sphere; `floor` (k,): least radial velocity, above 0 inside the sphere."""
+    outer edge, 0 at the safety sphere; `floor` (k,): least radial velocity, above 0 inside the sphere; `platform` (k, 2): what the
+    platform's v and ω add to the radial velocity (None: nothing)."""
 
     names: tuple[str, ...]
     normals: Matrix
     softness: Vector
     floor: Vector
+    platform: Matrix | None = None
+
+    def with_platform_at(self, rate: Vector) -> Zones:
+        """For the arm alone, on a platform that moves at `rate` (2,): the arm makes up for what the platform does."""
+        if self.platform is None or not self.names:
+            return self
+        return Zones(self.names, self.normals, self.softness, self.floor - self.platform @ rate)
+
+    def and_also(self, others: Zones) -> Zones:
+        """Both, these first."""
+        k, m = len(self.names), len(others.names)
+        if m == 0 or k == 0:
+            return others if k == 0 else self
+        platform = [
+            np.zeros((size, 2)) if part is None else part for part, size in ((self.platform, k), (others.platform, m))
+        ]
+        return Zones(
+            self.names + others.names,
+            np.vstack((self.normals, others.normals)),
+            np.concatenate((self.softness, others.softness)),
+            np.concatenate((self.floor, others.floor)),
+            np.vstack(platform),
+        )
 
 
 def zones(margins: Mapping[str, Margin], avoidance: Avoidance) -> Zones:
@@ -103,7 +127,10 @@ def circumvent(
     innermost first: more would leave nothing of the task. `width`: number of unknowns, n or n + 2; rows are filled up with zeros.
     """
     normals = np.zeros((len(zones.names), width))
-    normals[:, : zones.normals.shape[1]] = zones.normals
+    n = zones.normals.shape[1]
+    normals[:, :n] = zones.normals
+    if zones.platform is not None and width > n:
+        normals[:, n:] = zones.platform
     answer = resolve(normals[:0], zones.floor[:0])
     allowed = np.full(len(zones.names), -np.inf)
     chosen: list[int] = []

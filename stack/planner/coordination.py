@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
+from stack.kinematics.proximity import BodyDistances
 from stack.messages import Restriction, Vector
 from stack.planner.avoidance import Zones, circumvent, repulsion, zones
+from stack.planner.clearance import Standing, dampers
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
@@ -58,10 +60,12 @@ class PlatformCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Avoiding:
-    """Zones of circumvention at the arm's configuration and the push (n,) of repulsion."""
+    """Zones that the arm is kept out of, and the push (n,) of repulsion."""
 
     zones: Zones
     push: Vector
+    at_the_cost_of_the_task: int = 0
+    """Rows that may be held beyond what redundancy has room for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +88,7 @@ class Coordinator:
         self.arm = arm
         self.base = base
         self.limits = limits
+        self._bodies: BodyDistances | None = None  # 0.1 s to load: only for those who avoid collisions
         self.arm_table = limit_table(limits.q_min, limits.q_max, limits.padding, limits.dq_max)
         free = np.array([np.inf, np.inf])
         self.robot_table = limit_table(
@@ -92,7 +97,9 @@ class Coordinator:
             np.append(limits.padding, (1.0, 1.0)),
             np.append(limits.dq_max, (limits.v_max, limits.omega_max)),
         )
-        # A joint without zones: the rule base off, position, velocity and acceleration bounds kept.
+        # The rule base off: position limits are then the drives' alone, velocity and acceleration bounds are kept.
+        self.endless = np.full_like(limits.q_max, np.inf)
+        self.endless.setflags(write=limits.q_max.flags.writeable)
         self.arm_table_free, self.robot_table_free = self.arm_table.copy(), self.robot_table.copy()
         for table in (self.arm_table_free, self.robot_table_free):
             table[0:2], table[2:4] = -np.inf, np.inf
@@ -100,18 +107,31 @@ class Coordinator:
     def velocity_bounds(self, q: Vector, dq: Vector, parameters: PlannerParameters) -> tuple[Vector, Vector]:
         """What position, velocity and acceleration limits leave to each joint for the next cycle (n,): lower, upper."""
         limits = self.limits
+        ruled = parameters.joint_limit_rules
+        q_min, q_max = (limits.q_min, limits.q_max) if ruled else (-self.endless, self.endless)
         return velocity_bounds(
-            q, dq, limits.q_min, limits.q_max, limits.dq_max, limits.ddq_max, RECOVERY_RATE, parameters.arm_period_s
+            q, dq, q_min, q_max, limits.dq_max, limits.ddq_max, RECOVERY_RATE, parameters.arm_period_s
         )
 
     def arm_cycle(
-        self, model: ArmState, twist: Vector, dq: Vector, window: float, parameters: PlannerParameters
+        self,
+        model: ArmState,
+        twist: Vector,
+        dq: Vector,
+        window: float,
+        parameters: PlannerParameters,
+        standing: Standing | None = None,
     ) -> ArmCommand:
-        """Joint velocities that give the TCP `twist` (6,) relative to the platform, whose own motion was taken out of it."""
+        """Joint velocities that give the TCP `twist` (6,) relative to the platform, whose own motion was taken out of it.
+
+        `standing`: where the arm is among its obstacles; without it only its own links are kept apart.
+        """
         preferences, limits = parameters.preferences, self.limits
         lower, upper = self.velocity_bounds(model.q, dq, parameters)
         jacobian = model.end_point_jacobian
-        avoiding = self._avoidance(model.q, window, parameters)
+        avoiding = self._avoidance(model.q, window, parameters, standing)
+        if avoiding is not None and standing is not None:
+            avoiding = replace(avoiding, zones=avoiding.zones.with_platform_at(standing.rate))
         if parameters.method is not Method.PNS:
             z = self._wishes(model.q, window, parameters)
             weights = preferences.weights[: self.n]
@@ -136,7 +156,7 @@ class Coordinator:
             def within(rows: Matrix, values: Vector) -> Step:
                 return wished_step(jacobian, twist, model.q, z, weight, table, rows, values, epsilon)
 
-            step, around = circumvent(within, avoiding.zones, self.n, self.n - _TASK)
+            step, around = circumvent(within, avoiding.zones, self.n, self.n - _TASK + avoiding.at_the_cost_of_the_task)
         restrictions = _restrictions(step.limited, step.status, step.scale) | _of_circumvention(around)
         command = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         return _clipped(command, lower, upper)
@@ -149,13 +169,14 @@ class Coordinator:
         rate: PlatformRate,
         window: float,
         parameters: PlannerParameters,
+        standing: Standing | None = None,
     ) -> tuple[ArmCommand, PlatformCommand]:
         """The whole robot for the TCP `twist` (6,): the platform's share is its next command, the arm's is what `unified` sends."""
         n, limits = self.n, self.limits
         columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
         z = np.append(self._wishes(model.q, window, parameters), self._platform_wish(model, slow_twist, parameters))
         q = np.append(model.q, (0.0, 0.0))
-        avoiding = self._avoidance(model.q, window, parameters)
+        avoiding = self._avoidance(model.q, window, parameters, standing)
         if parameters.method is Method.PNS:
             table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
             if avoiding is not None:
@@ -171,7 +192,9 @@ class Coordinator:
             if avoiding is None:
                 step = within(_NO_ROWS_10[:, : n + 2], _NO_VALUES)
             else:
-                step, around = circumvent(within, avoiding.zones, n + 2, n + 2 - _TASK)
+                step, around = circumvent(
+                    within, avoiding.zones, n + 2, n + 2 - _TASK + avoiding.at_the_cost_of_the_task
+                )
             restrictions = _restrictions(step.limited[:n], step.status) | _of_circumvention(around)
             whole = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         else:
@@ -187,15 +210,25 @@ class Coordinator:
         arm = ArmCommand(whole.dq[:n].copy(), whole.scale, whole.status, whole.restrictions, whole.sigma)
         return arm, command
 
-    def _avoidance(self, q: Vector, window: float, parameters: PlannerParameters) -> _Avoiding | None:
-        """What keeps the arm away from its singular manifolds; None with both switched off. 0.12 ms where one is on."""
-        if not (parameters.repulsion or parameters.circumvention):
+    def _avoidance(
+        self, q: Vector, window: float, parameters: PlannerParameters, standing: Standing | None
+    ) -> _Avoiding | None:
+        """What keeps the arm away from its singular manifolds, from itself and from obstacles; None with all of it switched off."""
+        singular = parameters.repulsion or parameters.circumvention
+        if not (singular or parameters.collision_avoidance):
             return None
-        margins = manifold_margins(self.arm, q)
         push = np.zeros(self.n)
-        if parameters.repulsion and parameters.null_space_motion:
-            push = window * repulsion(margins, parameters.avoidance)
-        return _Avoiding(zones(margins if parameters.circumvention else {}, parameters.avoidance), push)
+        kept = zones({}, parameters.avoidance)
+        if singular:
+            margins = manifold_margins(self.arm, q)
+            if parameters.repulsion and parameters.null_space_motion:
+                push = window * repulsion(margins, parameters.avoidance)
+            kept = zones(margins if parameters.circumvention else {}, parameters.avoidance)
+        if parameters.collision_avoidance:
+            if self._bodies is None:
+                self._bodies = BodyDistances(self.arm)
+            kept = dampers(self._bodies, q, parameters.clearance, parameters.obstacles, standing).and_also(kept)
+        return _Avoiding(kept, push, _COLLISION_ROWS if parameters.collision_avoidance else 0)
 
     def _wishes(self, q: Vector, window: float, parameters: PlannerParameters) -> Vector:
         if not parameters.null_space_motion:
@@ -209,7 +242,7 @@ class Coordinator:
         wish = parameters.preferences
         velocity = model.rotation @ slow_twist[:3]
         speed = math.hypot(velocity[0], velocity[1])
-        v = wish.platform_feed_forward * float(velocity[0])
+        v = wish.platform_speed + wish.platform_feed_forward * float(velocity[0])
         if speed < _STANDSTILL:
             return v, 0.0
         error = _wrapped(math.atan2(velocity[1], velocity[0]) - wish.platform_angle)
@@ -245,7 +278,7 @@ class Coordinator:
         if avoiding is None:
             named = within(np.zeros((0, width)), _NO_VALUES)
         else:
-            named, around = circumvent(within, avoiding.zones, width, width - _TASK)
+            named, around = circumvent(within, avoiding.zones, width, width - _TASK + avoiding.at_the_cost_of_the_task)
         solution = named.solution
         restrictions = _restrictions(named.limited[: self.n], solution.status, solution.scale)
         restrictions |= _of_circumvention(around)
@@ -308,14 +341,18 @@ def _restrictions(limited: NDArray[np.bool_], status: int, scale: float = 1.0) -
 
 
 def _of_circumvention(around: tuple[str, ...]) -> Restriction:
-    return Restriction.SINGULARITY if around else Restriction.NONE
+    """Manifolds have names of one word, pairs of things that are near each other of several."""
+    bits = Restriction.NONE
+    for name in around:
+        bits |= Restriction.COLLISION if " - " in name else Restriction.SINGULARITY
+    return bits
 
 
+_COLLISION_ROWS = 2
 _TASK = 6
 _BITS_OF_STATUS = {
     int(Status.SINGULAR): int(Restriction.SINGULARITY),
     int(Status.DEGRADED): int(Restriction.DEGRADED),
-    int(Status.INFEASIBLE): int(Restriction.INFEASIBLE),
 }
 _STANDSTILL = 1e-3
 _FULL_SPEED = 0.05

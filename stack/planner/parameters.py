@@ -7,8 +7,11 @@ from enum import IntEnum
 
 import numpy as np
 
+from stack.kinematics.proximity import Box
 from stack.messages import Matrix, Vector
 from stack.planner.avoidance import Avoidance
+from stack.planner.clearance import Clearance
+from stack.planner.platform_path import RelativePath
 
 
 class Method(IntEnum):
@@ -43,7 +46,7 @@ class Preferences:
     preferred, heights, widths (n,) for the arm; weights (n + 2,) the diagonal of B, last two for v and ω.
     `platform_angle` (rad): wanted angle of the platform's x axis to the horizontal part of the TCP twist; `platform_gain` (1/s) and
     `platform_max_rate` (rad/s) of the saturated P-controller that keeps it; `platform_feed_forward` in [0, 1]: share of the low-passed
-    TCP speed that the platform would like to drive.
+    TCP speed that the platform would like to drive; `platform_speed` (m/s): what it would like to drive besides, wherever the TCP goes.
     """
 
     preferred: Vector
@@ -54,6 +57,7 @@ class Preferences:
     platform_gain: float = 0.0
     platform_max_rate: float = 0.4
     platform_feed_forward: float = 0.0
+    platform_speed: float = 0.0
     wishes: Matrix = field(init=False, repr=False)
     """(3, n): preferred, heights, widths."""
     arm_weight: Matrix = field(init=False, repr=False)
@@ -93,7 +97,9 @@ class PlannerParameters:
     `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `tracker_gain`: weight of one TCP
     measurement in the drift estimate; `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from
     the path beyond which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
-    from its singular manifolds, softly and hard, with the sizes of `avoidance`.
+    from its singular manifolds, softly and hard, with the sizes of `avoidance`; `collision_avoidance`: whether its
+    links keep clear of each other, of the platform and of the `obstacles`, as `clearance` says. `platform_path`: what the
+    platform is bound to while arm and platform are coordinated, from where it stands when it first sees it; None: it moves freely.
     """
 
     arm_period_ns: int
@@ -106,7 +112,11 @@ class PlannerParameters:
     joint_limit_rules: bool = True
     repulsion: bool = False
     circumvention: bool = False
+    collision_avoidance: bool = False
+    clearance: Clearance = Clearance()
+    obstacles: tuple[Box, ...] = ()
     avoidance: Avoidance = Avoidance()
+    platform_path: RelativePath | None = None
     correction_gain: float = 20.0
     tracker_gain: float = 0.25
     epsilon: float = 0.02

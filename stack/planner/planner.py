@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stack.kinematics.arm import ArmModel
+from stack.kinematics.arm import ArmModel, ArmState
 from stack.kinematics.platform import platform_of, wheel_speeds
 from stack.kinematics.se3 import pose_inverse
 from stack.messages import JointReference, Matrix, Mode, Restriction, TrackedPose, Vector
-from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated, following
+from stack.planner.clearance import Standing
+from stack.planner.coordination import ArmCommand, PlatformCommand, accelerated, following
 from stack.planner.drift import DriftEstimate
 from stack.planner.joint_following import JointFollower, velocity_to
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
+from stack.planner.path_following import PathCoordinator, PathFollower, in_reference, lead_periods
 from stack.planner.preferences import window
 from stack.planner.problem import Status
 from stack.planner.reference import CommandFilter
@@ -63,6 +65,7 @@ class PlannerState:
     commanded: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
     rate: PlatformRate = PlatformRate(0.0, 0.0)
     joints: JointFollower = JointFollower()
+    path: PathFollower = PathFollower()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +95,7 @@ class Planner:
         self.platform = platform_of(arm)
         self.base = np.array(self.platform.arm_base)
         self.wheels = WheelModel(self.platform.wheel_bandwidth, self.platform.wheel_dead_time)
-        self.coordinator = Coordinator(arm, limits, self.base)
+        self.coordinator = PathCoordinator(arm, limits, self.base)
 
     def step(
         self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters
@@ -133,7 +136,8 @@ class Planner:
         heard = replace(state, cycle=state.cycle + 1, odometry=odometry, drift=drift)
         if state.X_RE is not None and state.drift.count == 0 and drift.count > 0:
             # The first measurement says where R is: what was commanded so far goes along with it instead of jumping.
-            heard = replace(heard, X_RE=drift.T_RO @ pose_inverse(state.drift.T_RO) @ state.X_RE)
+            placed = drift.T_RO @ pose_inverse(state.drift.T_RO)
+            heard = replace(heard, X_RE=placed @ state.X_RE, path=state.path.moved(placed))
         return heard, drift.T_RO @ T_OE
 
     def _rest(
@@ -173,22 +177,53 @@ class Planner:
             parameters.correction_gain, parameters.patience_m, parameters.patience_rad, period,
         )  # fmt: skip
         fade = window((inputs.t_ns - state.began_ns) * 1e-9, parameters.window_s)
-        platform, due, arm = PlatformCommand(PlatformRate(0.0, 0.0)), False, None
+        standing = None
+        if parameters.collision_avoidance:
+            T_RA = T_RO @ arm_in_odometry(*pose_1, self.base, np.eye(4))
+            standing = Standing(T_RA, np.array(state.odometry.rate))
+        platform, due, arm, path = PlatformCommand(PlatformRate(0.0, 0.0)), False, None, state.path
         if inputs.mode is Mode.COORDINATED and parameters.coordination is not Coordination.ARM_ONLY:
             due = unified or parameters.platform_cycle_due(state.cycle)
             platform = PlatformCommand(state.rate)
             if due:
                 wanted = command.twist + deviation if unified else command.twist
-                arm, platform = self.coordinator.robot_cycle(model, wanted, command.slow, state.rate, fade, parameters)
+                path, arm, platform = self._whole_robot(state, model, wanted, command.slow, fade, parameters, standing)
         if arm is None or not unified:
-            arm = self.coordinator.arm_cycle(model, following, state.dq, fade, parameters)
+            arm = self.coordinator.arm_cycle(model, following, state.dq, fade, parameters, standing)
         if patience < 1.0:
             arm = replace(arm, scale=arm.scale * patience)
         X_2 = moved(X_1, command.twist * arm.scale, period)
         return self._send(
-            state, inputs, parameters, measured, command, arm, platform, X_2, due,
+            replace(state, path=path), inputs, parameters, measured, command, arm, platform, X_2, due,
             advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
         )  # fmt: skip
+
+    def _whole_robot(
+        self,
+        state: PlannerState,
+        model: ArmState,
+        twist: Vector,
+        slow_twist: Vector,
+        fade: float,
+        parameters: PlannerParameters,
+        standing: Standing | None,
+    ) -> tuple[PathFollower, ArmCommand, PlatformCommand]:
+        """The platform cycle: free, or bound to a path from where the platform stands when it is first asked to."""
+        given = parameters.platform_path
+        if given is None:
+            arm, platform = self.coordinator.robot_cycle(
+                model, twist, slow_twist, state.rate, fade, parameters, standing
+            )
+            return PathFollower(), arm, platform
+        T_RO, period = state.drift.T_RO, parameters.arm_period_s
+        pose = state.commanded
+        if parameters.coordination is not Coordination.UNIFIED:
+            pose = state.odometry.ahead(lead_periods(self.wheels, period), period, self.wheels)
+        path, off = state.path.following(given, in_reference(T_RO, pose)).at(in_reference(T_RO, pose))
+        arm, platform = self.coordinator.path_cycle(
+            model, twist, slow_twist, off, given.path, state.rate, fade, parameters, standing
+        )
+        return path, arm, platform
 
     def _drive(
         self, state: PlannerState, inputs: PlannerInputs, parameters: PlannerParameters, measured: Matrix
@@ -287,7 +322,7 @@ class Planner:
 def _changed_mode(state: PlannerState, inputs: PlannerInputs) -> PlannerState:
     """Set points go on from where they are, the command starts from zero."""
     if Mode.PLATFORM_ONLY in (state.mode, inputs.mode):
-        state = replace(state, commanded=state.odometry.pose, X_RE=None)
+        state = replace(state, commanded=state.odometry.pose, X_RE=None, path=PathFollower())
     return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter(), joints=JointFollower())
 
 

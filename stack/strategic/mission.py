@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any
 
 from stack.messages import Gripper, Matrix, Mode, PlannerPhase, PlannerState, Vector
-from stack.strategic.motion import CYCLE_NS, ZERO_TWIST, Motion, MotionInputs
+from stack.strategic.motion import ZERO_TWIST, Motion, MotionInputs
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,7 +71,7 @@ LAYOUTS = [
     ),
     (
         PLANNER_STATE,
-        PlannerState(PlannerPhase.EXECUTING, 1, Restriction.JOINT_8 | Restriction.INFEASIBLE, 1.0, 0),
+        PlannerState(PlannerPhase.EXECUTING, 1, Restriction.JOINT_8 | Restriction.COLLISION, 1.0, 0),
         [(0x182, struct.pack("<BBHHB", 5, 1, 0x8080, 65535, 0))],
     ),
     (

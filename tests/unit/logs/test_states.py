@@ -83,6 +83,6 @@ def test_a_node_that_falls_silent_is_lost_and_comes_back() -> None:
 
 def test_restrictions_in_words() -> None:
     assert restriction_text(0) == "none"
-    assert restriction_text(int(Restriction.JOINT_2 | Restriction.JOINT_5 | Restriction.INFEASIBLE)) == (
-        "infeasible, joint 2+5"
+    assert restriction_text(int(Restriction.JOINT_2 | Restriction.JOINT_5 | Restriction.COLLISION)) == (
+        "collision, joint 2+5"
     )

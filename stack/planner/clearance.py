@@ -1,0 +1,64 @@
+"""Keeping links clear of each other and of obstacles: a velocity damper on each distance (Faverjon, Tournassoud 1987).
+
+    ḋ ≥ −ξ (d − d_s)/(d_i − d_s)    for d < d_i
+
+An approach is slowed the nearer two things are and stops at the safety distance d_s; what is nearer already moves apart. The rows are hard:
+where redundancy does not suffice the task gives way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stack.kinematics.proximity import BodyDistances, Box, Proximity
+from stack.kinematics.se3 import pose_inverse
+from stack.messages import Matrix, Vector
+from stack.planner.avoidance import Zones
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """`influence` d_i and `safety` d_s (m); `approach` ξ (m/s), the speed of approach that is allowed at d_i."""
+
+    influence: float = 0.12
+    safety: float = 0.02
+    approach: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.safety < self.influence < np.inf:
+            raise ValueError(f"clearance: safety {self.safety} must be at least 0 and below influence {self.influence}")
+        if not 0.0 < self.approach < np.inf:
+            raise ValueError(f"clearance: approach {self.approach} must be positive and finite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """Where the arm stands and how that moves: `T_RA` (4, 4), its base in the reference frame, and the platform's rate (v, ω)."""
+
+    T_RA: Matrix
+    rate: Vector
+
+
+def dampers(
+    bodies: BodyDistances, q: Vector, clearance: Clearance, boxes: Sequence[Box], standing: Standing | None
+) -> Zones:
+    """Rows for every pair within `influence`, nearest first; `boxes` only where the `standing` is known."""
+    around = boxes if standing is not None else ()
+    T_AR = None if standing is None else pose_inverse(standing.T_RA)
+    near = sorted(bodies.near(q, clearance.influence, around, T_AR), key=lambda pair: pair.distance)
+    return Zones(
+        tuple(pair.name for pair in near),
+        np.array([pair.gradient for pair in near]).reshape(len(near), bodies.n),
+        np.zeros(len(near)),
+        np.array([_slowest(pair, clearance) for pair in near]),
+        np.array([pair.platform for pair in near]).reshape(len(near), 2),
+    )
+
+
+def _slowest(pair: Proximity, clearance: Clearance) -> float:
+    """Least ḋ (m/s); at most `approach` either way."""
+    share = (pair.distance - clearance.safety) / (clearance.influence - clearance.safety)
+    return -clearance.approach * max(min(share, 1.0), -1.0)

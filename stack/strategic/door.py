@@ -1,0 +1,190 @@
+"""A hinged door pulled open by its handle, without knowing where its hinge is.
+
+The hand goes along the tangent of the circle that is believed now, and gives way to every force, a little along the door's way, more
+across it: what the belief has wrong shows as force across the handle, which the admittance turns into motion, so that the handle's way is
+the door's own circle, not the believed one. From that way (and from how far the force bends arm and gripper) hinge and radius are
+identified while it goes on; with them the tangent becomes right and the force across goes away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from stack.messages import Matrix, Vector
+from stack.strategic.door_identification import Hinge, Identification, Prior
+from stack.strategic.force_guidance import Admittance, AdmittanceState, Pair, admit, without_weight
+from stack.strategic.guide import DEAF_S
+from stack.strategic.motion import CYCLE_S, MotionInputs, MotionOutputs
+
+
+def _law() -> Admittance:
+    """Along the door, across it in its plane of motion, along its axis. The handle is stiff, so mass and damping are large."""
+    return Admittance(
+        mass=np.array([150.0, 90.0, 90.0, 1.0, 1.0, 1.0]),
+        damping=np.array([600.0, 180.0, 180.0, 1.0, 1.0, 1.0]),
+        dead_band=Pair(0.3, 0.05),
+        saturation=Pair(100.0, 6.0),
+        speed=Pair(0.3, 1.0),
+        acceleration=Pair(1.0, 6.0),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Pull:
+    """How the door is pulled: `angle` (rad, its sign says which way about the guessed axis), `speed` of the handle (m/s) once the radius
+    is known to `known` (standard deviation over radius) and `feeling_speed` before, `acceleration` (m/s²) between them and to the end;
+    `follow` share of the door's turning that the hand makes; `identify` False: the guess is believed to the end.
+
+    `yielding_n`: force across at which the hand goes half as fast; `force_limit_n`: force that means the door is stuck; `compliance`
+    (m/N): how far arm and gripper give way to a force.
+    """
+
+    angle: float
+    speed: float = 0.12
+    feeling_speed: float = 0.03
+    acceleration: float = 0.1
+    follow: float = 1.0
+    identify: bool = True
+    known: float = 0.03
+    yielding_n: float = 15.0
+    force_limit_n: float = 120.0
+    patience_s: float = 4.0
+    compliance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DoorGuess:
+    """Where the hinge might be: `radius` m, direction (3,) from the handle to the hinge, `axis` (3,), all in the reference frame."""
+
+    radius: float
+    direction: Vector
+    axis: Vector
+
+    def hinge(self, handle: Vector) -> Hinge:
+        """The guessed hinge for a handle at `handle` (3,)."""
+        axis = self.axis / np.linalg.norm(self.axis)
+        level = self.direction - (axis @ self.direction) * axis
+        return Hinge(handle + self.radius * level / np.linalg.norm(level), axis, self.radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DoorState:
+    """What is believed of the door, the virtual mass in the door's axes (tangent, outward, axis), `start` (3,) where the handle was,
+    `speed` (m/s) asked for, `angle` (rad) so far; `across` (N) the largest force across since the radius is known; `waiting_s` without
+    progress, `deaf_s` without a force."""
+
+    identification: Identification
+    admittance: AdmittanceState
+    start: Vector
+    speed: float = 0.0
+    angle: float = 0.0
+    known: bool = False
+    across: float = 0.0
+    furthest: float = 0.0
+    waiting_s: float = 0.0
+    deaf_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PullDoor:
+    """Pulls until the door has turned by `pull.angle`. Fails when the handle is lost, the door stuck, or force or pose are not heard."""
+
+    guess: DoorGuess
+    pull: Pull
+    prior: Prior = Prior()
+    law: Admittance = field(default_factory=_law)
+
+    def begin(self, inputs: MotionInputs) -> DoorState | None:
+        """None when the planner's reference pose is not known: `step` then says so."""
+        if inputs.X_RE is None:
+            return None
+        handle = inputs.X_RE[:3, 3].copy()
+        hinge = self.guess.hinge(handle)
+        return DoorState(Identification.starting(hinge, self.prior), AdmittanceState.at_rest(), handle)
+
+    def step(self, state: DoorState | None, inputs: MotionInputs) -> tuple[DoorState | None, MotionOutputs]:
+        if state is None or inputs.X_RE is None:
+            return state, MotionOutputs(failure="the planner does not say where the hand is")
+        if inputs.wrench is None:
+            deaf = replace(state, deaf_s=state.deaf_s + CYCLE_S, admittance=AdmittanceState.at_rest(), speed=0.0)
+            silent = f"no force was heard for {DEAF_S:g} s: is the force sensor on the bus?"
+            return deaf, MotionOutputs(failure=silent if deaf.deaf_s > DEAF_S else None)
+        if inputs.grasped is False:
+            return state, MotionOutputs(failure=f"the handle was lost at {np.degrees(state.angle):.1f} degrees")
+        rotation = inputs.X_RE[:3, :3]
+        wrench = inputs.wrench
+        if self.law.tool is not None:
+            wrench = without_weight(wrench, self.law.tool, rotation)
+        force = rotation @ wrench[:3]
+        handle = inputs.X_RE[:3, 3] + self.pull.compliance * force
+        state = self._believe(replace(state, deaf_s=0.0), handle)
+        if state.angle >= abs(self.pull.angle) - ANGLE_TOLERANCE:
+            return state, MotionOutputs(done=True, event=_summary(state))
+        return self._go_on(state, force, handle, rotation, inputs.planner.path_scale)
+
+    def _believe(self, state: DoorState, handle: Vector) -> DoorState:
+        """Identification, angle and progress with the handle at `handle` (3,)."""
+        known = state.identification.with_point(handle) if self.pull.identify else state.identification
+        angle = known.hinge.angle(state.start, handle) * np.sign(self.pull.angle)
+        further = angle > state.furthest + PROGRESS
+        return replace(
+            state,
+            identification=known,
+            angle=angle,
+            known=state.known or known.radius_known < self.pull.known,
+            furthest=angle if further else state.furthest,
+            waiting_s=0.0 if further else state.waiting_s + CYCLE_S,
+        )
+
+    def _go_on(
+        self, state: DoorState, force: Vector, handle: Vector, rotation: Matrix, scale: float
+    ) -> tuple[DoorState, MotionOutputs]:
+        """The next twist; `force` (3,) and `handle` (3,) in the reference frame, `rotation` (3, 3) of the hand."""
+        hinge, pull = state.identification.hinge, self.pull
+        outward = hinge.outward(handle)
+        along = np.sign(pull.angle) * hinge.tangent(handle)
+        door = np.column_stack([along, outward, hinge.axis])
+        felt = np.concatenate([door.T @ force, np.zeros(3)])
+        across = float(np.hypot(felt[1], felt[2]))
+        if state.waiting_s > pull.patience_s or float(np.linalg.norm(force)) > pull.force_limit_n:
+            said = f"{felt[0]:.0f} N along and {across:.0f} N across the handle"
+            return state, MotionOutputs(
+                failure=f"the door is stuck at {np.degrees(state.angle):.1f} degrees with {said}"
+            )
+        speed = self._speed(state, across)
+        wanted = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+        law = replace(self.law, tool=None)
+        mass, twist = admit(law, state.admittance, felt, np.eye(3), scale, CYCLE_S, wanted)
+        turning = pull.follow * np.sign(pull.angle) * (twist[0] / hinge.radius) * hinge.axis
+        state = replace(
+            state, admittance=mass, speed=speed, across=max(state.across, across) if state.known else state.across
+        )
+        return state, MotionOutputs(np.concatenate([rotation.T @ (door @ twist[:3]), rotation.T @ turning]))
+
+    def _speed(self, state: DoorState, across: float) -> float:
+        """The handle's speed for the coming cycle: slower where little is known, where it strains, and towards the end."""
+        pull, radius = self.pull, state.identification.hinge.radius
+        top = pull.speed if state.known or not pull.identify else pull.feeling_speed
+        top /= 1.0 + (across / pull.yielding_n) ** 2
+        left = max(abs(pull.angle) - state.angle, 0.0) * radius
+        top = max(min(top, float(np.sqrt(2.0 * pull.acceleration * left))), LAST_SPEED)
+        change = pull.acceleration * CYCLE_S
+        return min(max(top, state.speed - 3.0 * change), state.speed + change)
+
+
+def _summary(state: DoorState) -> str:
+    hinge = state.identification.hinge
+    x, y, z = hinge.axis
+    return (
+        f"door open by {np.degrees(state.angle):.1f} degrees: radius {hinge.radius:.4f} m, axis ({x:.3f}, {y:.3f}, {z:.3f}), "
+        f"at most {state.across:.1f} N across the handle once it was known"
+    )
+
+
+ANGLE_TOLERANCE = 0.002
+PROGRESS = 0.003
+"""rad: what counts as progress of the door."""
+LAST_SPEED = 0.01
+"""m/s: how fast the door arrives."""
