@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from canipulator.log_commands import COMMANDS as LOG_COMMANDS
+from canipulator.map_command import COMMANDS as MAP_COMMANDS
 from canipulator.tool_commands import COMMANDS as TOOL_COMMANDS
 from canipulator.tool_commands import serve_options, served_run
 from canipulator.wire_commands import COMMANDS as WIRE_COMMANDS
@@ -34,7 +35,7 @@ def cli() -> None:
     """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
 
 
-for _command in (*LOG_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
+for _command in (*LOG_COMMANDS, *MAP_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
     cli.add_command(_command)
 
 
@@ -60,6 +61,13 @@ def list_scenarios() -> None:
 @click.option("--coordination", help="Arm and base: abc, unified, arm-only.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Any scenario key, dotted; repeatable.")
 @click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="KIND@S[:K=V,...]",
+    help="Injects a fault after so many seconds, e.g. drive-reboot@3.2:node=23 (docs/faults.md); repeatable.",
+)
+@click.option(
     "--bus",
     "bus_url",
     default="lockstep",
@@ -84,6 +92,7 @@ def run(
     method: str | None,
     coordination: str | None,
     overrides: tuple[str, ...],
+    faults: tuple[str, ...],
     bus_url: str,
     external: tuple[str, ...],
     no_rerun: bool,
@@ -111,7 +120,7 @@ def run(
             sets.append(f"{key}={json.dumps(value)}")
     if duration is not None and not 0.0 < duration < float("inf"):
         raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
-    loaded = load_scenario(scenario, sets)
+    loaded = load_scenario(scenario, sets, faults)
     if serve is not None and not isinstance(loaded, Scenario):
         raise ConfigError(f"--serve: {loaded.name} is a kinematic scenario, it has no bus")
     served = served_run(serve, allow_inject, None if on_wire else pace)

@@ -21,6 +21,7 @@ from canipulator.warm_up import warm_up
 from canipulator.wire import Wire, run_time, undisturbed
 from canipulator.wire_report import report
 from canipulator.wire_watch import MissionWatch
+from config.errors import ConfigError
 from config.load import dump_scenario
 from config.robot import Robot, load_robot
 from config.scenario import Scenario
@@ -68,6 +69,8 @@ def run_on_wire(
     others leave `timing.json`. Raises ConfigError, BusError (an OSError) for a bus that cannot be opened or goes away,
     KeyboardInterrupt after everything was saved.
     """
+    if scenario.fault:
+        raise ConfigError(f"{scenario.name}: fault: faults are injected into lockstep runs only")
     robot = load_robot(scenario.robot)
     check_scenario(scenario, robot)
     check_expectations(scenario, robot)

@@ -18,6 +18,7 @@ from drivers.planner_node import PlannerNode
 from drivers.sensor_node import ForceSensorNode, TrackerNode
 from drivers.strategic_node import StrategicNode
 from logs.events import Level
+from sim.faults import Breakable, FaultyCamera, FaultyPlant, FaultyReading
 from sim.physics import PhysicsParameters
 from sim.slip import SlipParameters
 from sim.tracker import Tracker, TrackerParameters
@@ -25,6 +26,7 @@ from sim.wheel_plant import WheelPlantParameters
 from sim.world import World, WorldParameters
 from stack.kinematics.platform import platform_of
 from stack.kinematics.robot_file import robot_directory
+from stack.messages import TrackedPose, Vector
 from stack.planner.planner import Planner
 
 TICK_NS = 1_000_000
@@ -43,6 +45,8 @@ class SimulatedRobot:
     force_sensor: ForceSensorNode
     tracker: TrackerNode | None
     clock: Clock
+    breakable: Breakable | None = None
+    """What faults may be injected into; None in a scenario without any."""
 
     def power_on(self) -> None:
         """Boots every node and starts the physics."""
@@ -80,28 +84,43 @@ def simulated_robot(
         start=(start.x_m, start.y_m, start.heading_rad),
     )
     world = World(robot_directory(scenario.robot) / "robot.urdf", parameters, scenario.seed)
-    bank = DriveBank(robot.servo, world.plant, TICK_NS)
+    parts = _breakable(world) if scenario.fault else None
+    bank = DriveBank(robot.servo, world.plant if parts is None else parts.plant, TICK_NS)
     devices = robot.devices
     drives = [
         Drive(devices[node_id], clock, bus, bank, axis)
         for axis, node_id in enumerate(DRIVE_IDS)
         if node_id not in absent
     ]
-    sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, lambda: world.force_sensor.read())
-    tracker = _tracker(robot, scenario, world, clock, bus) if scenario.feedback.rate_hz > 0.0 else None
-    return SimulatedRobot(world, bank, drives, sensor, tracker, clock)
+    read = _force_reading(world) if parts is None else parts.force
+    sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, read)
+    tracker = _tracker(robot, scenario, world, clock, bus, parts) if scenario.feedback.rate_hz > 0.0 else None
+    return SimulatedRobot(world, bank, drives, sensor, tracker, clock, parts)
 
 
-def _tracker(robot: Robot, scenario: Scenario, world: World, clock: Clock, bus: Bus) -> TrackerNode:
+def _force_reading(world: World) -> Callable[[], Vector]:
+    return lambda: world.force_sensor.read()
+
+
+def _breakable(world: World) -> Breakable:
+    return Breakable(FaultyPlant(world.plant, TICK_NS * 1e-9), FaultyReading(_force_reading(world)), None)
+
+
+def _tracker(
+    robot: Robot, scenario: Scenario, world: World, clock: Clock, bus: Bus, parts: Breakable | None
+) -> TrackerNode:
     feedback = scenario.feedback
     parameters = TrackerParameters(feedback.rate_hz, feedback.latency_s, feedback.noise_m, feedback.noise_rad)
     camera = Tracker(parameters, scenario.seed, TICK_NS)
+    deliver: Callable[[int], TrackedPose | None] = camera.deliver
+    if parts is not None:
+        deliver = parts.camera = FaultyCamera(camera.deliver)
     return TrackerNode(
         robot.devices[TRACKER_ID],
         clock,
         bus,
         lambda t_ns: camera.expose(t_ns, world.physics.pose_WE()),
-        camera.deliver,
+        deliver,
         period_ns=camera.period_ns,
     )
 

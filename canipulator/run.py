@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from canipulator.fault_injection import FaultInjector, Parts
 from canipulator.outcome import (
     EXPECTATION_MISSED,
     OK,
@@ -102,6 +103,7 @@ class LockstepRun:
             robot, scenario, self.clock, self.bus, self._on_event, time.perf_counter_ns
         )
         self.strategic: StrategicNode = strategic_role(robot, scenario, self.clock, self.bus, self._on_event)
+        self.injector = self._injector()
         self._time_physics()
 
     def __enter__(self) -> LockstepRun:
@@ -139,6 +141,27 @@ class LockstepRun:
         self.strategic.node.power_on()
         self.planner.power_on()
         self._sample()
+        if self.injector is not None:
+            self.injector.arm()
+
+    def _injector(self) -> FaultInjector | None:
+        """The faults of the scenario, None if it has none."""
+        sim, scenario = self.sim, self.scenario
+        if sim.breakable is None:
+            return None
+        files = {"bus.log": self.bus_log.fileno, "events.log": self.log.event_fileno}
+        parts = Parts(
+            self.clock,
+            self.bus,
+            self.robot.devices,
+            sim.drives,
+            sim.breakable,
+            self.planner.node,
+            self.strategic.node,
+            files,
+            self._on_event,
+        )
+        return FaultInjector(scenario.fault, scenario.seed, parts)
 
     def _run_until(self) -> contextlib.AbstractContextManager[Callable[[int], None]]:
         """The clock's own, or one that serves the bus to tools and keeps to real time."""
@@ -179,7 +202,7 @@ class LockstepRun:
 
     def _on_event(self, level: Level, source: str, text: str) -> None:
         self.log.on_event(self.clock.now_ns(), level, source, text)
-        if level >= Level.ERROR:
+        if level >= Level.ERROR or (source == "fault" and level >= Level.WARN):
             self.faults.append(f"{source}: {text}")
 
     def _on_log_error(self, error: OSError) -> None:
@@ -194,7 +217,8 @@ class LockstepRun:
         scenario = self.scenario
         sim_s = self.clock.now_ns() * 1e-9
         statistics = self.bus.statistics()
-        bus_full = overload(self.log.table, statistics.frames_lost)
+        frames_lost = statistics.frames_lost - (self.injector.dropped if self.injector is not None else 0)
+        bus_full = overload(self.log.table, frames_lost)
         facts = RunFacts(
             scenario=scenario.name,
             seed=scenario.seed,
@@ -206,7 +230,7 @@ class LockstepRun:
             physics_only_real_time_factor=sim_s / self.physics_s if self.physics_s > 0.0 else None,
             arm_cycle_us=np.array(self.planner.cycle_ns) * 1e-3,
             frames=statistics.frames,
-            frames_lost=statistics.frames_lost,
+            frames_lost=frames_lost,
             faults=(*bus_full, *self.faults),
             recorder_fault=self.log.recorder_fault,
             dropped_blocks=self.log.dropped_blocks,
@@ -224,11 +248,20 @@ class LockstepRun:
             self.planner.path_progress,
             float(self.planner.incomplete_cycles),
             float(np.hypot(*moved)),
+            float(self.injector.injected if self.injector is not None else 0),
+            float(self.injector.dropped if self.injector is not None else 0),
         )
         return dict(zip(OWN_METRICS, values, strict=True))
 
 
-OWN_METRICS = ("mission_finished", "path_progress", "incomplete_cycles", "platform_return_error_m")
+OWN_METRICS = (
+    "mission_finished",
+    "path_progress",
+    "incomplete_cycles",
+    "platform_return_error_m",
+    "faults_injected",
+    "frames_dropped_by_faults",
+)
 """Metrics of lockstep runs beside those of `logs.metrics`: share of the commanded way that was let through, cycles without
 feedback from every drive, distance of the platform at the end from where it began, 1 for a mission that came to its end."""
 

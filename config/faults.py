@@ -144,7 +144,9 @@ class FaultTable(Table):
     def text(self) -> str:
         """Kind and parameters in one line, e.g. `drive-reboot node=23 for_s=0.3`."""
         values = {name: self.value(name) for name in _PARAMETERS}
-        return " ".join([self.kind, *(f"{name}={_shown(name, value)}" for name, value in values.items() if value is not None)])
+        return " ".join(
+            [self.kind, *(f"{name}={_shown(name, value)}" for name, value in values.items() if value is not None)]
+        )
 
 
 _PARAMETERS = tuple(name for name in FaultTable.model_fields if name not in ("at", "kind"))
@@ -170,7 +172,7 @@ def parse_fault(text: str) -> dict[str, Any]:
 def _number(text: str, what: str, value: str) -> int | float:
     for convert in (lambda s: int(s, 0), float):
         try:
-            return convert(value)  # type: ignore[operator, no-any-return]
+            return convert(value)  # type: ignore[no-any-return]
         except ValueError:
             continue
     raise ConfigError(f"--fault {text!r}: {what} is {value!r}, must be a number")

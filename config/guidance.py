@@ -29,8 +29,8 @@ class GuidanceTable(Table):
     """
 
     gain: NotNegative = 1.0
-    mass_kg: Annotated[tuple[Positive, Positive, Positive], Field()] = (30.0, 30.0, 30.0)
-    damping_n_s_m: Annotated[tuple[Positive, Positive, Positive], Field()] = (60.0, 60.0, 60.0)
+    mass_kg: Annotated[tuple[Positive, Positive, Positive], Field()] = (25.0, 25.0, 25.0)
+    damping_n_s_m: Annotated[tuple[Positive, Positive, Positive], Field()] = (55.0, 55.0, 55.0)
     inertia_kg_m2: Positive = 1.0
     turning_damping_n_m_s: Positive = 2.0
     turning: bool = False
@@ -60,7 +60,7 @@ class DoorStepTable(Table):
     axis: Vector3 = (0.0, 0.0, 1.0)
     angle_rad: Finite = math.radians(80.0)
     speed_m_s: Positive = 0.12
-    feeling_speed_m_s: Positive = 0.03
+    feeling_speed_m_s: Positive = 0.05
     follow: Annotated[float, Field(ge=0, le=1)] = 1.0
     identification: bool = True
 

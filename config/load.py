@@ -12,6 +12,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from config.errors import ConfigError, from_validation, nearest
+from config.faults import parse_fault
 from config.kinematic import KinematicScenario, kinematic_model
 from config.scenario import Scenario
 
@@ -24,8 +25,11 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
 
 
-def load_scenario(name: str, overrides: Iterable[str] = ()) -> Scenario | KinematicScenario:
-    """The scenario `name` (of the project, or the path of a TOML file) with `KEY=VALUE` overrides applied.
+def load_scenario(
+    name: str, overrides: Iterable[str] = (), faults: Iterable[str] = ()
+) -> Scenario | KinematicScenario:
+    """The scenario `name` (of the project, or the path of a TOML file) with `KEY=VALUE` overrides applied, then further `faults`,
+    each `KIND@SECONDS[:KEY=VALUE,…]`.
 
     A file with `kind = "kinematic"` is a KinematicScenario, one without `kind` a Scenario.
     Raises ConfigError with file, key, value and the nearest valid name.
@@ -34,6 +38,8 @@ def load_scenario(name: str, overrides: Iterable[str] = ()) -> Scenario | Kinema
     data = read_toml(path)
     for override in overrides:
         _apply(data, override)
+    for fault in faults:
+        data.setdefault("fault", []).append(parse_fault(fault))
     return validate(_model(data, path), data, path)
 
 
@@ -102,9 +108,11 @@ def _apply(data: dict[str, Any], override: str) -> None:
 
 def _child(node: Any, part: str, key: str, depth: int) -> Any:
     if isinstance(node, list):
+        if key.startswith("fault.") and part == str(len(node)):
+            node.append({})  # faults are what a scenario gets from outside: the next one begins here
         return node[_position(node, part, key)]
     if isinstance(node, dict):
-        return node.setdefault(part, {})
+        return node.setdefault(part, [] if part == "fault" and depth == 0 else {})
     raise ConfigError(f"--set {key}: {'.'.join(key.split('.')[:depth])!r} is not a table")
 
 

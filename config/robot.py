@@ -14,6 +14,7 @@ from drivers.objects import DeviceDef
 from drivers.tables.drive import DriveLimits
 from stack.kinematics.arm import ArmModel
 from stack.kinematics.platform import platform_of
+from stack.planner.observer import SlipModel
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters, Preferences
 from stack.servo import ServoParameters, load_servo_parameters
 
@@ -65,6 +66,13 @@ def planner_parameters(robot: Robot, scenario: Scenario) -> PlannerParameters:
         limits=robot.limits,
         method=Method.named(table.method),
         coordination=Coordination.named(table.coordination),
+        slip_observer=table.slip_observer,
+        slip_model=SlipModel(
+            position_noise_m=scenario.feedback.noise_m,
+            rotation_noise_rad=scenario.feedback.noise_rad,
+            sigma=table.slip_sigma,
+            tau_s=table.slip_tau_s,
+        ),
         null_space_motion=table.null_space_motion,
         joint_limit_rules=table.joint_limit_rules,
         repulsion=table.repulsion,

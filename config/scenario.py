@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from config.faults import FaultTable
 from config.guidance import DoorStepTable, GuidanceTable
 from config.platform_path import PlatformPathTable
 from config.table import Finite, NotNegative, Positive, Table, Vector3
@@ -27,6 +28,9 @@ class PlannerTable(Table):
     case: Annotated[int, Field(ge=1, le=4)] = 2
     arm_cycle_hz: Annotated[float, Field(ge=10, le=500)] = 100.0
     platform_cycle_hz: Annotated[float, Field(ge=1, le=500)] = 20.0
+    slip_observer: bool = True
+    slip_sigma: NotNegative = 0.01
+    slip_tau_s: Positive = 0.5
     null_space_motion: bool = True
     joint_limit_rules: bool = True
     repulsion: bool = False
@@ -177,6 +181,7 @@ class Scenario(Table):
     platform_path: PlatformPathTable | None = None
     cases: dict[Literal["1", "2", "3", "4"], PreferenceTable] = Field(default_factory=dict)
     step: tuple[StepTable, ...]
+    fault: tuple[FaultTable, ...] = ()
     expect: tuple[ExpectTable, ...] = ()
 
     def case_preferences(self) -> PreferenceTable:

@@ -68,6 +68,10 @@ class BusLogWriter:
         if self._clock is not None:
             self._clock.call_at(self._clock.now_ns() + self._flush_ns, self.flush, LAST + 1)
 
+    def fileno(self) -> int:
+        """The system's number of the open file."""
+        return self._file.fileno()
+
     def flush(self) -> None:
         """Hands all lines to the system now."""
         lines, self._lines = self._lines, []

@@ -51,6 +51,12 @@ class EventLog:
         except OSError:
             self.lost += 1
 
+    def fileno(self) -> int:
+        """The system's number of the open file; ValueError after `close`."""
+        if self._file is None:
+            raise ValueError("events.log is closed")
+        return self._file.fileno()
+
     def close(self) -> None:
         """Closes the file; events that come later count as lost."""
         if self._file is None:

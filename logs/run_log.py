@@ -101,6 +101,12 @@ class RunLog:
         """Something that the frames do not tell, e.g. an injected fault, an overrun."""
         self._tape.on_event(Event(t_ns, level, source, text))
 
+    def event_fileno(self) -> int:
+        """The system's number of events.log; ValueError where there is none."""
+        if self._events is None:
+            raise ValueError("this log writes no events.log")
+        return self._events.fileno()
+
     @property
     def frames(self) -> int:
         """Frames that were handed over so far; all of them after `close`."""

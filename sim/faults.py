@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -148,3 +149,12 @@ class FaultyCamera:
     def __call__(self, t_ns: int) -> TrackedPose | None:
         seen = self._deliver(t_ns)
         return None if self.blind else seen
+
+
+@dataclass
+class Breakable:
+    """Everything in one robot that may break; `camera` is None where there is none."""
+
+    plant: FaultyPlant
+    force: FaultyReading
+    camera: FaultyCamera | None

@@ -16,11 +16,13 @@ from stack.kinematics.se3 import pose_inverse
 from stack.messages import JointReference, Matrix, Mode, Restriction, TrackedPose, Vector
 from stack.planner.clearance import Standing
 from stack.planner.coordination import ArmCommand, PlatformCommand, accelerated, following
-from stack.planner.drift import DriftEstimate
+from stack.planner.drift import Belief, DriftEstimate, DriftLaw
 from stack.planner.joint_following import JointFollower, velocity_to
+from stack.planner.observer import slipping
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
 from stack.planner.path_following import PathCoordinator, PathFollower, in_reference, lead_periods
+from stack.planner.preference_change import PreferenceChange
 from stack.planner.preferences import window
 from stack.planner.problem import Status
 from stack.planner.reference import CommandFilter
@@ -66,6 +68,7 @@ class PlannerState:
     rate: PlatformRate = PlatformRate(0.0, 0.0)
     joints: JointFollower = JointFollower()
     path: PathFollower = PathFollower()
+    preferences: PreferenceChange = PreferenceChange()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +113,7 @@ class Planner:
             heard = replace(heard, q_next=inputs.q, dq=np.zeros(self.arm.n), commanded=heard.odometry.pose)
         if heard.mode is not inputs.mode:
             heard = _changed_mode(heard, inputs)
+        heard, parameters = _eased(heard, inputs.t_ns, parameters)
         if inputs.mode is Mode.PLATFORM_ONLY:
             return self._drive(heard, inputs, parameters, measured)
         if inputs.mode is Mode.JOINTS:
@@ -129,16 +133,22 @@ class Planner:
         obeys = parameters.coordination is Coordination.UNIFIED and state.q_next is not None
         pose = state.commanded if obeys else odometry.ahead(0, parameters.arm_period_s, self.wheels)
         T_OE = arm_in_odometry(*pose, self.base, self.arm.pose(q))
+        believed = drift
         if inputs.q is not None:
-            drift = drift.believing(inputs.t_ns, T_OE)
+            law = self._drift_law(parameters)
+            drift = believed = drift.believing(Belief(inputs.t_ns, pose, T_OE), law)
             if inputs.tracked is not None:
-                drift = drift.measured_by(inputs.tracked, inputs.t_ns, parameters.tracker_gain)
+                drift = believed.measured_by(inputs.tracked, inputs.t_ns, law)
         heard = replace(state, cycle=state.cycle + 1, odometry=odometry, drift=drift)
-        if state.X_RE is not None and state.drift.count == 0 and drift.count > 0:
-            # The first measurement says where R is: what was commanded so far goes along with it instead of jumping.
-            placed = drift.T_RO @ pose_inverse(state.drift.T_RO)
+        if state.X_RE is not None and drift.placements != believed.placements:
+            # The first measurement says where R is, and so does a tracker that was moved: what was commanded so far goes along with it.
+            placed = drift.T_RO @ pose_inverse(believed.T_RO)
             heard = replace(heard, X_RE=placed @ state.X_RE, path=state.path.moved(placed))
         return heard, drift.T_RO @ T_OE
+
+    def _drift_law(self, parameters: PlannerParameters) -> DriftLaw:
+        model = parameters.slip_model if parameters.slip_observer else None
+        return DriftLaw(self.platform.track, model, parameters.tracker_gain)
 
     def _rest(
         self, state: PlannerState, inputs: PlannerInputs, measured: Matrix
@@ -169,7 +179,7 @@ class Planner:
         model = self.arm.state(state.q_next)
         command = state.command.update(inputs.twist, parameters)
         unified = parameters.coordination is Coordination.UNIFIED and inputs.mode is Mode.COORDINATED
-        pose_1, pose_2 = _poses_ahead(state, period, self.wheels, obeys=unified)
+        pose_1, pose_2 = self._poses_ahead(state, parameters, obeys=unified)
         T_RO = state.drift.T_RO
         X_1 = state.X_RE if state.X_RE is not None else T_RO @ arm_in_odometry(*pose_1, self.base, model.pose)
         following, deviation, patience = follow_path(
@@ -259,12 +269,24 @@ class Planner:
         arm = ArmCommand.holding(self.arm.n)
         arm = replace(arm, dq=dq, restrictions=Restriction.ACCELERATION if limited else Restriction.NONE)
         platform = accelerated(PlatformRate(0.0, 0.0), state.rate, parameters.limits, period)
-        _, pose_2 = _poses_ahead(state, period, self.wheels, obeys=False)
+        _, pose_2 = self._poses_ahead(state, parameters, obeys=False)
         X_2 = state.drift.T_RO @ arm_in_odometry(*pose_2, self.base, self.arm.pose(state.q_next + dq * period))
         return self._send(
             state, inputs, parameters, measured, CommandFilter(), arm, platform, X_2, False,
             advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
         )  # fmt: skip
+
+    def _poses_ahead(
+        self, state: PlannerState, parameters: PlannerParameters, *, obeys: bool
+    ) -> tuple[PlatformPose, PlatformPose]:
+        """Platform poses at SYNC k + 1 and k + 2: measured, extrapolated, slip counted in, or as commanded to a platform that is
+        taken to obey."""
+        period = parameters.arm_period_s
+        if obeys:
+            return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
+        path = state.odometry.path(2, period, self.wheels)
+        _, pose_1, pose_2 = slipping(path, state.drift.slip, period, self.platform.track, parameters.slip_model.tau_s)
+        return pose_1, pose_2
 
     def _send(
         self,
@@ -326,14 +348,13 @@ def _changed_mode(state: PlannerState, inputs: PlannerInputs) -> PlannerState:
     return replace(state, mode=inputs.mode, began_ns=inputs.t_ns, command=CommandFilter(), joints=JointFollower())
 
 
-def _poses_ahead(
-    state: PlannerState, period: float, wheels: WheelModel, *, obeys: bool
-) -> tuple[PlatformPose, PlatformPose]:
-    """Platform poses at SYNC k + 1 and k + 2: measured and extrapolated, or as commanded to a platform that is taken to obey."""
-    if obeys:
-        return state.commanded, advance(state.commanded, state.rate.v * period, state.rate.omega * period)
-    _, pose_1, pose_2 = state.odometry.path(2, period, wheels)
-    return pose_1, pose_2
+def _eased(state: PlannerState, t_ns: int, parameters: PlannerParameters) -> tuple[PlannerState, PlannerParameters]:
+    """Preferences that were written since the last cycle come in gradually."""
+    change = state.preferences.towards(parameters.preferences, t_ns, parameters.window_s)
+    if change is not state.preferences:
+        state = replace(state, preferences=change)
+    in_force = change.in_force(t_ns, parameters.window_s)
+    return state, parameters if in_force is parameters.preferences else replace(parameters, preferences=in_force)
 
 
 def _staleness(inputs: PlannerInputs) -> int:

@@ -189,12 +189,12 @@ def moved(T: Matrix, twist: Vector, dt: float) -> Matrix:
             result[k, 3] += T[k, i] * along
     for k in range(3):
         result[k, 3] += T[k, 3]
-    _orthonormalise(result)
+    orthonormalise(result)
     return result
 
 
 @compiled
-def _orthonormalise(T: Matrix) -> None:
+def orthonormalise(T: Matrix) -> None:
     """Gram-Schmidt on the columns of the rotation, in place."""
     for j in range(3):
         for i in range(j):

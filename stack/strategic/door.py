@@ -22,8 +22,9 @@ from stack.strategic.motion import CYCLE_S, MotionInputs, MotionOutputs
 def _law() -> Admittance:
     """Along the door, across it in its plane of motion, along its axis. The handle is stiff, so mass and damping are large."""
     return Admittance(
-        mass=np.array([150.0, 90.0, 90.0, 1.0, 1.0, 1.0]),
-        damping=np.array([600.0, 180.0, 180.0, 1.0, 1.0, 1.0]),
+        mass=np.array([60.0, 15.0, 15.0, 1.0, 1.0, 1.0]),
+        damping=np.array([400.0, 150.0, 150.0, 1.0, 1.0, 1.0]),
+        lead_s=0.06,
         dead_band=Pair(0.3, 0.05),
         saturation=Pair(100.0, 6.0),
         speed=Pair(0.3, 1.0),
@@ -43,7 +44,7 @@ class Pull:
 
     angle: float
     speed: float = 0.12
-    feeling_speed: float = 0.03
+    feeling_speed: float = 0.05
     acceleration: float = 0.1
     follow: float = 1.0
     identify: bool = True
@@ -128,7 +129,7 @@ class PullDoor:
         """Identification, angle and progress with the handle at `handle` (3,)."""
         known = state.identification.with_point(handle) if self.pull.identify else state.identification
         angle = known.hinge.angle(state.start, handle) * np.sign(self.pull.angle)
-        further = angle > state.furthest + PROGRESS
+        further = len(known.points) > len(state.identification.points) or angle > state.furthest + PROGRESS
         return replace(
             state,
             identification=known,

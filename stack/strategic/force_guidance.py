@@ -51,8 +51,8 @@ class Admittance:
     `gain` ≥ 0 multiplies the wrench: 0 switches the guidance off. `tool`: weight to be taken off, None if the sensor does so itself.
     """
 
-    mass: Vector = field(default_factory=lambda: _six(30.0, 1.0))
-    damping: Vector = field(default_factory=lambda: _six(60.0, 2.0))
+    mass: Vector = field(default_factory=lambda: _six(25.0, 1.0))
+    damping: Vector = field(default_factory=lambda: _six(55.0, 2.0))
     lead_s: float = 0.08
     filter_s: float = 0.0
     dead_band: Pair = Pair(1.0, 0.05)
