@@ -216,8 +216,8 @@ def _wheel_blocked(parts: Parts, fault: FaultTable) -> Undo:
 
 def _wheel_slip(parts: Parts, fault: FaultTable) -> Undo:
     plant, wheel = parts.breakable.plant, _axis(fault)
-    plant.slip_wheel(wheel, fault.value("amount"))
-    return partial(plant.slip_wheel, wheel, None)
+    plant.slip_wheel(wheel, 1.0 - fault.value("amount"))
+    return partial(plant.slip_wheel, wheel, 1.0)
 
 
 # ---- in the other nodes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container
 from dataclasses import dataclass
 
+from canipulator.maps import pose_map
 from config.mission import build_mission
 from config.robot import Robot, planner_parameters
 from config.scenario import Scenario
@@ -24,10 +25,15 @@ from sim.slip import SlipParameters
 from sim.tracker import Tracker, TrackerParameters
 from sim.wheel_plant import WheelPlantParameters
 from sim.world import World, WorldParameters
+from stack.kinematics.arm import ArmModel
 from stack.kinematics.platform import platform_of
+from stack.kinematics.posture import best_posture
+from stack.kinematics.proximity import BodyDistances
 from stack.kinematics.robot_file import robot_directory
 from stack.messages import TrackedPose, Vector
+from stack.messages import Matrix, Vector
 from stack.planner.planner import Planner
+from stack.strategic.point_to_point import Choose
 
 TICK_NS = 1_000_000
 _LEVELS = {"info": Level.INFO, "warning": Level.WARN, "error": Level.ERROR}
@@ -175,6 +181,20 @@ def strategic_role(robot: Robot, scenario: Scenario, clock: Clock, bus: Bus, on_
         devices[PLANNER_ID],
         clock,
         bus,
-        build_mission(scenario, robot.arm.n),
+        build_mission(scenario, robot.arm, _choice(robot, scenario)),
         lambda text: on_event(Level.INFO, "strategic", text),
     )
+
+
+def _choice(robot: Robot, scenario: Scenario) -> Choose | None:
+    """Configurations for poses by the manipulability map, clear of the robot itself; None where no step asks for any."""
+    if not any(goal.pose is not None for step in scenario.step for goal in step.goal):
+        return None
+    arm = ArmModel.load(scenario.robot)  # one instance of its own: the planner's belongs to the planner
+    hand, bodies = pose_map(arm), BodyDistances(arm)
+
+    def choose(T: Matrix) -> Vector | None:
+        posture = best_posture(arm, T, hand, bodies)
+        return None if posture is None else posture.q
+
+    return choose

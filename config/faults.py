@@ -86,7 +86,7 @@ _RULES: dict[str, _Rule] = {
     "force-saturated": _Rule({"for_s": None, "amount": 500.0}),
     "force-nan": _Rule({"for_s": None}),
     "wheel-blocked": _Rule({"for_s": None, "node": 11}, WHEELS),
-    "wheel-slip": _Rule({"for_s": None, "node": 11, "amount": 0.95}, WHEELS),
+    "wheel-slip": _Rule({"for_s": None, "node": 11, "amount": 1.0}, WHEELS),
     "feedback-lost": _Rule({"for_s": None}),
     "disk-full": _Rule({"file": "bus.log"}),
     "sigkill": _Rule({}),
@@ -103,7 +103,7 @@ class FaultTable(Table):
 
     `node`: whom it befalls; for faults of frames: only frames that this node sends. `can_id`: only this identifier.
     `count`: so many frames, then no more. `burst`: frames lost on end for each that is chosen. `amount`: rad (m) of an encoder's jump,
-    share of its torque that a motor has left, slip ratio, N of a saturated sensor.
+    share of its torque that a motor has left, share of its grip that a wheel has lost, N of a saturated sensor.
     """
 
     at: NotNegative
@@ -129,10 +129,8 @@ class FaultTable(Table):
                 raise ValueError(f"a fault of kind {self.kind!r} has no {name}; it takes {takes}")
         if rule.nodes and self.node is not None and self.node not in rule.nodes:
             raise ValueError(f"node = {self.node}: a fault of kind {self.kind!r} befalls one of {_list(rule.nodes)}")
-        if self.kind == "wheel-slip" and self.amount is not None and not 0.0 <= self.amount <= 0.98:
-            raise ValueError(f"amount = {self.amount:g}: a slip ratio must be within 0 to 0.98")
-        if self.kind == "following-error" and self.amount is not None and not 0.0 <= self.amount <= 1.0:
-            raise ValueError(f"amount = {self.amount:g}: the share of torque that is left must be within 0 to 1")
+        if self.kind in ("wheel-slip", "following-error") and not 0.0 <= self.value("amount") <= 1.0:
+            raise ValueError(f"amount = {self.amount:g}: a share, of torque or grip, must be within 0 to 1")
         return self
 
     def value(self, name: str) -> Any:
@@ -172,7 +170,7 @@ def parse_fault(text: str) -> dict[str, Any]:
 def _number(text: str, what: str, value: str) -> int | float:
     for convert in (lambda s: int(s, 0), float):
         try:
-            return convert(value)  # type: ignore[no-any-return]
+            return convert(value)
         except ValueError:
             continue
     raise ConfigError(f"--fault {text!r}: {what} is {value!r}, must be a number")

@@ -9,12 +9,16 @@ import numpy as np
 from config.errors import ConfigError
 from config.guidance import GuidanceTable, guide, pull_door
 from config.platform_path import path_writes
+from config.reaching import point_to_point, reach
 from config.scenario import PreferenceTable, Scenario, StepTable
 from drivers.tables import planner as table
-from stack.messages import Gripper, Mode
+from stack.kinematics.arm import ArmModel
+from stack.kinematics.posture import best_posture
+from stack.messages import Gripper, Matrix, Mode, Vector
 from stack.planner.parameters import Coordination, Method
 from stack.strategic.mission import Mission, ParameterWrite, Step
 from stack.strategic.motion import Motion
+from stack.strategic.point_to_point import Choose
 from stack.strategic.profile import RampProfile
 from stack.strategic.profiled import Drive, Grip, Line, Turn, Wait
 
@@ -33,11 +37,12 @@ _PLATFORM = (
 )
 
 
-def build_mission(scenario: Scenario, joints: int) -> Mission:
-    """The mission of `scenario` for an arm of `joints` joints.
+def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = None) -> Mission:
+    """The mission of `scenario` for an arm; `choose`: which configuration it takes for a pose (default: a plain search).
 
-    Raises ConfigError for preference arrays of the wrong length.
+    Raises ConfigError for arrays of the wrong length and for goals outside the arm's limits.
     """
+    joints = arm.n
     planner = scenario.planner
     choices = (
         ParameterWrite(table.METHOD, 0, Method.named(planner.method)),
@@ -50,22 +55,33 @@ def build_mission(scenario: Scenario, joints: int) -> Mission:
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))
-    steps = tuple(_step(step, joints, f"{scenario.name}: step {i}") for i, step in enumerate(scenario.step))
+    steps = tuple(_step(step, arm, choose, f"{scenario.name}: step {i}") for i, step in enumerate(scenario.step))
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
     return Mission(steps, choices + preferences + tuple(path_writes(scenario.platform_path)))
 
 
-def _step(step: StepTable, joints: int, where: str) -> Step:
+def _step(step: StepTable, arm: ArmModel, choose: Choose | None, where: str) -> Step:
     return Step(
         name=step.name,
         mode=Mode[step.mode.upper()],
-        motion=_motion(step),
-        writes=() if step.preferences is None else tuple(_writes(step.preferences, joints, where)),
+        motion=_motion(step, arm, choose or plain_choice(arm), where),
+        writes=() if step.preferences is None else tuple(_writes(step.preferences, arm.n, where)),
+        reads_joints=step.kind == "joints",
     )
 
 
-def _motion(step: StepTable) -> Motion:
+def plain_choice(arm: ArmModel) -> Choose:
+    """The best posture for a pose by a search without a map."""
+
+    def choose(T: Matrix) -> Vector | None:
+        posture = best_posture(arm, T)
+        return None if posture is None else posture.q
+
+    return choose
+
+
+def _motion(step: StepTable, arm: ArmModel, choose: Choose, where: str) -> Motion:
     """What the step does; its table has been checked for what its kind needs."""
     match step.kind:
         case "wait":
@@ -80,6 +96,11 @@ def _motion(step: StepTable) -> Motion:
             return Drive(_profile(step.length_m, step.speed_m_s, step.ramp_s))
         case "turn":
             return Turn(_profile(step.angle_rad, step.rate_rad_s, step.ramp_s))
+        case "reach":
+            assert step.pose is not None and step.speed_m_s is not None
+            return reach(step.pose, step.speed_m_s, step.rate_rad_s, step.ramp_s)
+        case "joints":
+            return point_to_point(step.goal, step.objective, arm, choose, where)
         case "grip":
             assert step.gripper is not None
             return Grip(Gripper[step.gripper.upper()])

@@ -13,11 +13,12 @@ from pydantic import Field, field_validator, model_validator
 from config.faults import FaultTable
 from config.guidance import DoorStepTable, GuidanceTable
 from config.platform_path import PlatformPathTable
+from config.reaching import GoalTable, Objective, PoseTable
 from config.table import Finite, NotNegative, Positive, Table, Vector3
 
 Method = Literal["pns", "fsp", "gradient", "qp"]
 Coordination = Literal["abc", "unified", "arm-only"]
-ModeName = Literal["hold", "arm_only", "platform_only", "coordinated"]
+ModeName = Literal["hold", "arm_only", "platform_only", "coordinated", "joints"]
 
 
 class PlannerTable(Table):
@@ -110,12 +111,14 @@ class StepTable(Table):
     `line`: the TCP moves `length_m` along `direction` at `speed_m_s`. `wait`: nothing for `duration_s`.
     `drive`: the platform goes `length_m` straight at `speed_m_s` (negative length: backwards).
     `turn`: the platform turns `angle_rad` at `rate_rad_s`.
+    `reach`: the TCP goes straight to `pose` at `speed_m_s` (and at most `rate_rad_s`). `joints`: the arm goes to `goal`, or to several,
+    along trajectories planned with `objective`; the platform stands.
     `grip`: the gripper opens or closes, as `gripper` says.
     `guide`: the TCP gives way to the force on it for `duration_s`, as `guidance` says. `door`: pulls a hinged door open, see `pull`.
     """
 
     name: str
-    kind: Literal["wait", "line", "drive", "turn", "grip", "guide", "door"]
+    kind: Literal["wait", "line", "drive", "turn", "reach", "joints", "grip", "guide", "door"]
     mode: ModeName = "coordinated"
     duration_s: Positive | None = None
     direction: Vector3 | None = None
@@ -123,6 +126,9 @@ class StepTable(Table):
     speed_m_s: Positive | None = None
     angle_rad: Finite | None = None
     rate_rad_s: Positive | None = None
+    pose: PoseTable | None = None
+    goal: tuple[GoalTable, ...] = ()
+    objective: Objective = "potentials"
     gripper: Literal["open", "close"] | None = None
     guidance: GuidanceTable | None = None
     pull: DoorStepTable | None = None
@@ -136,6 +142,8 @@ class StepTable(Table):
             "line": ("direction", "length_m", "speed_m_s"),
             "drive": ("length_m", "speed_m_s"),
             "turn": ("angle_rad", "rate_rad_s"),
+            "reach": ("pose", "speed_m_s"),
+            "joints": (),
             "grip": ("gripper",),
             "guide": ("duration_s",),
             "door": ("pull",),
@@ -143,6 +151,10 @@ class StepTable(Table):
         for key in needed:
             if getattr(self, key) is None:
                 raise ValueError(f"a step of kind {self.kind!r} needs {key}")
+        if self.kind == "joints" and not self.goal:
+            raise ValueError("a step of kind 'joints' needs goal")
+        if (self.kind == "joints") != (self.mode == "joints"):
+            raise ValueError(f'a step of kind {self.kind!r} and mode {self.mode!r}: "joints" goes with "joints"')
         if self.kind in ("drive", "turn") and self.mode != "platform_only":
             raise ValueError(f'a step of kind {self.kind!r} needs mode = "platform_only"')
         if self.direction is not None and sum(x * x for x in self.direction) < 1e-12:

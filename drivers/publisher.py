@@ -36,9 +36,15 @@ class Publisher(Generic[M]):
         self.limited += limited
         for carrier, (_, data) in zip(self._pdos, frames, strict=True):
             carrier.data = data
+            carrier.muted = False
             pdo = carrier.pdo
             if pdo.valid and pdo.transmission_type > _SYNCHRONOUS_MAX and self._node.nmt.operational:
                 self._node.line.send(pdo.cob_id, data)
+
+    def mute(self) -> None:
+        """There is no message: synchronous PDOs stay silent until the next `publish`, rather than repeat the last one."""
+        for carrier in self._pdos:
+            carrier.muted = True
 
     @staticmethod
     def _tpdo(node: CanopenNode, can_id: int) -> TransmitPdo:
@@ -54,7 +60,8 @@ class _Carrier:
     def __init__(self, pdo: TransmitPdo) -> None:
         self.pdo = pdo
         self.data = bytes(pdo.layout.length)
-        pdo.seal = lambda _: self.data
+        self.muted = False
+        pdo.seal = lambda _: None if self.muted else self.data
         for position, entry in enumerate(pdo.layout.entries):
             entry.source = lambda position=position: self.pdo.layout.unpack(self.data)[position]
 

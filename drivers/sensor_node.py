@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from drivers.bus.base import Bus
+from drivers.canopen.emcy import EmcyCode
 from drivers.canopen.nmt import NmtState
 from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.clock import Clock
@@ -28,8 +31,14 @@ class ForceSensorNode(NodeApplication):
         self._publisher = Publisher(self.node, WRENCH)
 
     def on_sync(self, counter: int | None) -> None:
+        wrench = self._read()
+        if not np.isfinite(wrench).all():
+            self._publisher.mute()  # what is no number is not sent: the listeners' time-outs are for that
+            self.node.emcy.report(EmcyCode.SENSOR)
+            return
         self._counter = (self._counter + 1) & 0xFF
-        self._publisher.publish(Wrench(self._read(), self._counter))
+        self.node.emcy.resolve(EmcyCode.SENSOR)
+        self._publisher.publish(Wrench(wrench, self._counter))
 
 
 class TrackerNode(NodeApplication):

@@ -14,6 +14,7 @@ import numpy as np
 
 from sim.bullet import pybullet
 from sim.plant import WHEELS, RobotPlant
+from sim.wheel_plant import WheelPlant
 from stack.messages import TrackedPose, Vector
 
 BLOCKED_WHEEL_TORQUE = 500.0
@@ -35,6 +36,7 @@ class FaultyPlant:
         self._engaged = np.ones(count, dtype=np.bool_)
         self._jammed = np.zeros(count, dtype=np.bool_)
         self._shown = np.zeros(count)
+        self._wheels = plant.wheels = BreakableWheels(plant.wheels)  # type: ignore[assignment]
 
     def read(self, position: Vector, velocity: Vector) -> None:
         """What the encoders show, (10,) each."""
@@ -94,15 +96,45 @@ class FaultyPlant:
             physicsClientId=physics.client,
         )
 
-    def slip_wheel(self, wheel: int, ratio: float | None) -> None:
-        """The wheel turns and hardly moves the platform: slip `ratio` (-) whatever the ground does; None: as the ground has it."""
-        self._plant.slip.forced[wheel] = math.nan if ratio is None else ratio
+    def slip_wheel(self, wheel: int, grip: float) -> None:
+        """The wheel has `grip` (0 … 1) of its drive's torque on the ground and turns as it is told; 1: sound again."""
+        self._wheels.grip[wheel] = grip
 
     def _set_brakes(self) -> None:
         self._plant.brake((self._engaged | self._jammed).tolist())
 
 
 assert WHEELS == 2  # what `block_wheel` and `slip_wheel` number
+
+
+class BreakableWheels:
+    """The wheels of a plant, which may lose their grip: the wheel turns at its commanded speed, the platform rolls on as it likes."""
+
+    def __init__(self, wheels: WheelPlant) -> None:
+        self._wheels = wheels
+        self.parameters = wheels.parameters
+        self.effort, self.speed = wheels.effort, wheels.speed
+        self.encoder, self.encoder_rate = wheels.encoder, wheels.encoder_rate
+        self.grip = np.ones(len(wheels.effort))
+
+    def zero(self, angle: Vector) -> None:
+        """See `WheelPlant.zero`."""
+        self._wheels.zero(angle)
+
+    def drive(self, command: Vector, rate: Vector, slip: Vector) -> None:
+        """See `WheelPlant.drive`; what the ground gets of the effort is what the grip lets through."""
+        self._wheels.drive(command, rate, slip)
+        self.effort *= self.grip
+
+    def sense(self, angle: Vector, rate: Vector, slip: Vector) -> None:
+        """See `WheelPlant.sense`; a wheel without grip shows its own turning."""
+        before = self.encoder.copy()
+        self._wheels.sense(angle, rate, slip)
+        loose = self.grip < 1.0
+        if loose.any():
+            turned = self.speed * self._wheels.dt_s
+            self.encoder[loose] = before[loose] + turned[loose]
+            self.encoder_rate[loose] = self.speed[loose]
 
 
 class FaultyReading:

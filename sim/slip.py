@@ -54,8 +54,6 @@ class Slip:
         self.parameters = parameters
         self.bias: Vector = np.zeros(count)
         """Mean slip per wheel (-): what a slippery patch of floor adds; may change between steps."""
-        self.forced: Vector = np.full(count, np.nan)
-        """Slip ratio per wheel that counts instead (-), beyond `limit` too; NaN: none. For faults: a wheel that finds no hold."""
         self.ratio: Vector = np.zeros(count)
         """Slip ratio per wheel for the coming step (-)."""
         self._random = np.random.default_rng([seed, _STREAM])
@@ -75,6 +73,3 @@ class Slip:
         limit, decay, spread = self.parameters.limit, self._decay, self._spread
         _advance(self._noise, self._used, decay, spread, limit, self.bias, self._deviation, self.ratio)
         self._used += 1
-        for wheel, forced in enumerate(self.forced.tolist()):
-            if forced == forced:
-                self.ratio[wheel] = forced

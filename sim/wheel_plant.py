@@ -85,6 +85,7 @@ class WheelPlant:
 
     def __init__(self, parameters: WheelPlantParameters, dt_s: float, count: int = 2) -> None:
         self.parameters = parameters
+        self.dt_s = dt_s
         delay = round(parameters.dead_time_s / dt_s)
         self._delay_line = np.zeros((delay + 1, count))
         self._head = 0

@@ -35,6 +35,16 @@ class Gripper(IntEnum):
     CLOSE = 2
 
 
+class GripperPhase(IntEnum):
+    """What the gripper is doing."""
+
+    OPEN = 0
+    CLOSING = 1
+    HOLDING = 2
+    EMPTY = 3
+    """closed on nothing, or what it held was torn out"""
+
+
 class PlannerPhase(IntEnum):
     """Where the planner is, from power-up to motion."""
 
@@ -137,6 +147,14 @@ class Wrench:
 
 
 @dataclass(frozen=True, slots=True)
+class GripperState:
+    """What the gripper says of itself."""
+
+    phase: GripperPhase
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
 class TrackedPose:
     """TCP pose in the world as a tracked feature sees it: position (3,), rotation vector (3,), and how old it is."""
 
@@ -161,6 +179,9 @@ class Truth:
 
     `pose_WB`, `pose_WE` (4, 4); `q`, `dq` (8,) joint positions and velocities; `wheel_slip` (2,) current slip ratios;
     `base_twist` (v, ω) of the platform over ground; `contact_wrench` (6,) on the gripper, end-point frame.
+    Where there is a door: `door` (2,) how far it is open (rad, m) and its rate; `handle_force` (3,) on its handle: along the door's way,
+    across it (outwards), along the handle. Where a person pulls: `hand` (6,) where the hand is and its force on the gripper, world.
+    `body_poses` (k, 4, 4) in the world: what moves around the robot, in the order of the scenario.
     """
 
     t_ns: int
@@ -173,3 +194,7 @@ class Truth:
     wheel_slip: Vector
     base_twist: Vector
     contact_wrench: Vector
+    door: Vector | None = None
+    handle_force: Vector | None = None
+    hand: Vector | None = None
+    body_poses: Matrix | None = None

@@ -134,14 +134,14 @@ class ReceivePdo(PdoParameters):
 class TransmitPdo(PdoParameters):
     """One TPDO: on SYNC (types 0 … 240) or on events (254, 255: `trigger`, event timer, inhibit time).
 
-    `seal`, if set, gets the packed bytes and returns what goes on the wire (a counter and a checksum, say).
+    `seal`, if set, gets the packed bytes and returns what goes on the wire (a counter and a checksum, say), None: nothing.
     """
 
     receive = False
 
     def __init__(self, number: int, dictionary: ObjectDictionary, clock: Clock, line: Line, nmt: NmtSlave) -> None:
         super().__init__(number, dictionary)
-        self.seal: Callable[[bytes], bytes] | None = None
+        self.seal: Callable[[bytes], bytes | None] | None = None
         self.sent = 0
         self._clock = clock
         self._line = line
@@ -210,9 +210,11 @@ class TransmitPdo(PdoParameters):
     def _transmit(self) -> None:
         self._triggered = False
         self._inhibit_timer = None
-        data = self.layout.pack()
-        if self.seal is not None:
+        data: bytes | None = self.layout.pack()
+        if self.seal is not None and data is not None:
             data = self.seal(data)
+        if data is None:
+            return
         if self._line.send(self.cob_id, data):
             self.sent += 1
         if self.transmission_type in EVENT_DRIVEN:

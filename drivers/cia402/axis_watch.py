@@ -25,6 +25,16 @@ SPEED_TIME_S = 0.05
 """… for longer than this."""
 STILL = 0.01
 """An axis stands below this fraction of its velocity limit."""
+JUMP = 6.0
+"""A reading that would take more than this multiple of the velocity limit since the last one cannot be true."""
+FROZEN = 0.02
+"""An encoder that has not changed at all while its set point went this fraction of the following error window is frozen …"""
+FROZEN_LEAST_S = 0.01
+"""… and has not for longer than this."""
+RATE_MARGIN = 0.15
+"""A velocity-controlled axis does not follow when it is off its command by this fraction of its velocity limit …"""
+RATE_TIME_S = 0.4
+"""… for longer than this."""
 SETTLING_S = 0.25
 """A stop counts as completed this long after the set point stands, even if the axis swings on."""
 
@@ -33,7 +43,7 @@ class Alarm(IntFlag):
     """What the Python side of a drive has to hear of."""
 
     SENSOR = 1
-    """An encoder reading that is no number."""
+    """An encoder reading that is no number, jumps, or stands still while the axis is led."""
     FOLLOWING_ERROR = 2
     OVERSPEED = 4
     POSITION_LIMIT = 8
@@ -41,6 +51,8 @@ class Alarm(IntFlag):
     SYNC_LOST = 16
     STOPPED = 32
     """A stop that somebody waits for is completed."""
+    RATE_ERROR = 64
+    """A velocity-controlled axis does not turn as it is told."""
 
 
 # Rows of the watch table, one column per axis.
@@ -48,7 +60,9 @@ WINDOW, WINDOW_TIME_S, OUTSIDE_S = range(3)
 SPEED_LIMIT, TOO_FAST_S = range(3, 5)
 LOWER, UPPER, DECELERATION = range(5, 8)
 AWAITS_STOP, STANDING_S = range(8, 10)
-WATCH_ROWS = 10
+SEEN, LAST_SET_POINT, UNSEEN_WAY, UNSEEN_S = range(10, 14)
+RATE_WINDOW, RATE_S = range(14, 16)
+WATCH_ROWS = 16
 
 _OFF, _POSITION, _TORQUE, _STOP = (
     int(mode) for mode in (AxisMode.OFF, AxisMode.POSITION, AxisMode.TORQUE, AxisMode.STOP)
@@ -56,12 +70,13 @@ _OFF, _POSITION, _TORQUE, _STOP = (
 _STANDSTILL, _NO_DEADLINE = STANDSTILL, int(NO_DEADLINE)
 _SENSOR, _FOLLOWING, _OVERSPEED = int(Alarm.SENSOR), int(Alarm.FOLLOWING_ERROR), int(Alarm.OVERSPEED)
 _POSITION_LIMIT, _SYNC_LOST, _STOPPED = int(Alarm.POSITION_LIMIT), int(Alarm.SYNC_LOST), int(Alarm.STOPPED)
+_RATE_ERROR = int(Alarm.RATE_ERROR)
 
 
 def watch_table(count: int) -> Matrix:
     """Nothing watched yet: (WATCH_ROWS, count)."""
     table = np.zeros((WATCH_ROWS, count))
-    table[[WINDOW, SPEED_LIMIT, UPPER]] = np.inf
+    table[[WINDOW, SPEED_LIMIT, UPPER, RATE_WINDOW]] = np.inf
     table[LOWER] = -np.inf
     table[DECELERATION] = 1.0
     return table
@@ -69,16 +84,30 @@ def watch_table(count: int) -> Matrix:
 
 @compiled
 def sense(
-    raw_position: Vector, raw_velocity: Vector, zero: Vector, position: Vector, velocity: Vector, alarms: IntVector
+    raw_position: Vector,
+    raw_velocity: Vector,
+    zero: Vector,
+    position: Vector,
+    velocity: Vector,
+    alarms: IntVector,
+    mode: IntVector,
+    watch: Matrix,
+    dt_s: float,
 ) -> bool:
     """Encoders into `position` (less the home offset `zero`) and `velocity`. Clears `alarms`.
 
-    An axis whose reading is not finite keeps its last position, velocity 0, and gets SENSOR.
+    An axis whose reading is not finite, or (under power) cannot be true after the last one, keeps its last position, velocity 0, and
+    gets SENSOR: it must not get into the loops, not for one tick.
     """
     found = False
     for axis in range(position.shape[0]):
         alarms[axis] = 0
-        if math.isfinite(raw_position[axis]) and math.isfinite(raw_velocity[axis]):
+        good = math.isfinite(raw_position[axis]) and math.isfinite(raw_velocity[axis])
+        if good and mode[axis] != _OFF:
+            fastest = JUMP * watch[SPEED_LIMIT, axis]
+            way = abs(raw_position[axis] - zero[axis] - position[axis])
+            good = way <= fastest * dt_s and abs(raw_velocity[axis]) <= fastest
+        if good:
             position[axis] = raw_position[axis] - zero[axis]
             velocity[axis] = raw_velocity[axis]
         else:
@@ -90,10 +119,32 @@ def sense(
 
 @compiled
 def watch_axis(
-    watch: Matrix, axis: int, mode: int, position: float, velocity: float, set_point: float, flags: int, dt_s: float
+    watch: Matrix,
+    axis: int,
+    mode: int,
+    position: float,
+    velocity: float,
+    set_point: float,
+    command: float,
+    flags: int,
+    dt_s: float,
 ) -> int:
-    """Alarm bits of one powered axis."""
+    """Alarm bits of one powered axis. `command`: what goes to the plant, a velocity where RATE_WINDOW is finite."""
     bits = 0
+    if position == watch[SEEN, axis]:
+        watch[UNSEEN_WAY, axis] += abs(set_point - watch[LAST_SET_POINT, axis])
+        watch[UNSEEN_S, axis] += dt_s
+    else:
+        watch[SEEN, axis] = position
+        watch[UNSEEN_WAY, axis] = 0.0
+        watch[UNSEEN_S, axis] = 0.0
+    watch[LAST_SET_POINT, axis] = set_point
+    if watch[UNSEEN_S, axis] > FROZEN_LEAST_S and watch[UNSEEN_WAY, axis] > FROZEN * watch[WINDOW, axis]:
+        bits |= _SENSOR
+    off = abs(command - velocity) > watch[RATE_WINDOW, axis]
+    watch[RATE_S, axis] = watch[RATE_S, axis] + dt_s if off else 0.0
+    if watch[RATE_S, axis] > RATE_TIME_S:
+        bits |= _RATE_ERROR
     limit = watch[SPEED_LIMIT, axis]
     error = abs(set_point - position)
     outside = mode in (_POSITION, _STOP) and error > watch[WINDOW, axis]
@@ -131,6 +182,7 @@ def supervise(
     position: Vector,
     velocity: Vector,
     set_point: Vector,
+    command: Vector,
     flags: IntVector,
     limited: IntVector,
     alarms: IntVector,
@@ -146,9 +198,21 @@ def supervise(
         if mode[axis] == _OFF:
             watch[OUTSIDE_S, axis] = 0.0
             watch[TOO_FAST_S, axis] = 0.0
+            watch[RATE_S, axis] = 0.0
+            watch[UNSEEN_WAY, axis] = 0.0
+            watch[UNSEEN_S, axis] = 0.0
+            watch[LAST_SET_POINT, axis] = set_point[axis]
         else:
             bits = watch_axis(
-                watch, axis, mode[axis], position[axis], velocity[axis], set_point[axis], flags[axis], dt_s
+                watch,
+                axis,
+                mode[axis],
+                position[axis],
+                velocity[axis],
+                set_point[axis],
+                command[axis],
+                flags[axis],
+                dt_s,
             )
             limited[axis] |= flags[axis]
         if t_ns > deadline_ns[axis]:

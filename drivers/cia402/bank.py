@@ -93,7 +93,17 @@ class DriveBank:
     def tick(self, t_ns: int) -> None:
         """One tick of all loops; the plant has been stepped to `t_ns`."""
         self.plant.read(self.raw_position, self._raw_velocity)
-        if sense(self.raw_position, self._raw_velocity, self.zero, self.position, self.velocity, self._alarms):
+        if sense(
+            self.raw_position,
+            self._raw_velocity,
+            self.zero,
+            self.position,
+            self.velocity,
+            self._alarms,
+            self.mode,
+            self.watch,
+            self.servo.dt_s,
+        ):
             self._report()
         if self.settings_changed:
             self.settings_changed = False
@@ -109,6 +119,7 @@ class DriveBank:
             self.position,
             self.velocity,
             self.set_point,
+            self.command,
             self._flags,
             self.limited,
             self._alarms,
@@ -173,7 +184,9 @@ class DriveBank:
     def _compile(self) -> None:
         """Compile (or load from the cache) now rather than in the first tick."""
         zeros, ints = np.zeros(self.count), np.zeros(self.count, dtype=np.int64)
-        sense(zeros, zeros, zeros, zeros.copy(), zeros.copy(), ints.copy())
+        sense(
+            zeros, zeros, zeros, zeros.copy(), zeros.copy(), ints.copy(), ints, self.watch.copy(), self.servo.dt_s
+        )
         supervise(
             self.watch.copy(),
             self.deadline_ns.copy(),
@@ -182,6 +195,7 @@ class DriveBank:
             zeros,
             zeros,
             self.set_point,
+            zeros,
             ints,
             ints.copy(),
             ints.copy(),

@@ -10,8 +10,13 @@ from drivers.cia402.axis_watch import (
     DECELERATION,
     LOWER,
     NO_DEADLINE,
+    OUTSIDE_S,
+    RATE_MARGIN,
+    RATE_S,
+    RATE_WINDOW,
     SPEED_LIMIT,
     STANDING_S,
+    TOO_FAST_S,
     UPPER,
     WINDOW,
     WINDOW_TIME_S,
@@ -85,6 +90,8 @@ class BankAxis:
         bank.watch[DECELERATION, index] = limits.quick_stop_deceleration
         bank.watch[WINDOW, index] = limits.following_error
         bank.watch[WINDOW_TIME_S, index] = limits.following_error_time_s
+        if self.outputs_velocity:
+            bank.watch[RATE_WINDOW, index] = RATE_MARGIN * limits.velocity
 
     def run(self, mode: AxisMode, deceleration: float) -> None:
         """Follow set points; `deceleration` brakes the axis when they stay away."""
@@ -128,6 +135,10 @@ class BankAxis:
         state, index = self._bank.servo.state, self.index
         state.set_point[index] = state.nominal[index] = self._bank.position[index]
         state.set_velocity[index] = self._bank.velocity[index]
+
+    def forgive(self) -> None:
+        """The times that alarms need begin anew: one that comes again has got worse since, or has not got better."""
+        self._bank.watch[[OUTSIDE_S, TOO_FAST_S, RATE_S], self.index] = 0.0
 
     def make_home(self, position: float) -> None:
         """The present place is called `position` from now on."""

@@ -263,9 +263,10 @@ class Drive(NodeApplication):
     # ---- faults
 
     def _on_alarm(self, alarm: Alarm) -> None:
+        helpless = self.state is State.FAULT_REACTION_ACTIVE  # the ramp has been tried, and the axis does not obey
         for bit, code in CODE_OF_ALARM.items():
             if alarm & bit:
-                self._fault(code, at_once=bit is Alarm.SENSOR)  # no ramp without an encoder
+                self._fault(code, at_once=bit is Alarm.SENSOR or helpless)  # no ramp without an encoder either
         if alarm & Alarm.SYNC_LOST:
             self.on_communication_loss(CommunicationLoss.SYNC)
         if alarm & Alarm.STOPPED and self._after_stop is not None:
@@ -279,6 +280,7 @@ class Drive(NodeApplication):
         self.faults.note(code)
         option = self.parameters.option(0x605E)
         if powered and option != 0 and not at_once:
+            self.axis.forgive()
             if code is EmcyCode.FOLLOWING_ERROR:
                 self.axis.seed()  # the set point is where the axis could not get to
             self.state = State.FAULT_REACTION_ACTIVE

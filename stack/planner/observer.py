@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 
@@ -78,7 +79,9 @@ class Estimate:
 
     def moved(self, before: PlatformPose, after: PlatformPose, dt: float, track: float, model: SlipModel) -> Estimate:
         """After the `dt` s in which odometry says that the platform went from `before` to `after`, a single arc."""
-        return Estimate(*_propagate(self.T_RO, self.slip, self.covariance, *before, *after, dt, track, model.sigma, model.tau_s))
+        return Estimate(
+            *_propagate(self.T_RO, self.slip, self.covariance, *before, *after, dt, track, model.sigma, model.tau_s)
+        )
 
     def measured(
         self, T_OE: Matrix, pose: PlatformPose, position: Vector, rotation: Vector, model: SlipModel
@@ -108,7 +111,7 @@ def slipping(poses: list[PlatformPose], slip: Vector, dt: float, track: float, t
     decay = math.exp(-dt / tau_s)
     left, right = 0.5 * (1.0 + decay) * left, 0.5 * (1.0 + decay) * right
     found = [poses[0]]
-    for before, after in zip(poses, poses[1:], strict=False):
+    for before, after in pairwise(poses):
         way, turn = arc_between(before.x, before.y, before.heading, after.x, after.y, after.heading)
         lost, unturned = _lost(way, turn, track, left, right)
         found.append(PlatformPose(*_along_arc(*found[-1], way - lost, turn - unturned)))

@@ -10,8 +10,8 @@ import numpy as np
 from stack.kinematics.proximity import Box
 from stack.messages import Matrix, Vector
 from stack.planner.avoidance import Avoidance
-from stack.planner.observer import SlipModel
 from stack.planner.clearance import Clearance
+from stack.planner.observer import SlipModel
 from stack.planner.platform_path import RelativePath
 
 
@@ -96,8 +96,8 @@ class PlannerParameters:
     """All of it. `arm_period_ns`: the SYNC period; `platform_cycles_per_arm_cycle` in (0, 1], e.g. 20 Hz / 100 Hz = 0.2.
 
     `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `slip_observer`: whether
-    the wheels' slip is estimated (with `slip_model`) and fed forward; without it `tracker_gain` is the weight of one TCP measurement; `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from
-    the path beyond which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
+    the wheels' slip is estimated (with `slip_model`) and fed forward; without it `tracker_gain` is the weight of one TCP measurement;
+    `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from the path beyond which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
     from its singular manifolds, softly and hard, with the sizes of `avoidance`; `collision_avoidance`: whether its
     links keep clear of each other, of the platform and of the `obstacles`, as `clearance` says. `platform_path`: what the
     platform is bound to while arm and platform are coordinated, from where it stands when it first sees it; None: it moves freely.

@@ -44,7 +44,7 @@ class Record:
         return slice(int(np.searchsorted(self.t, t_s)), None)
 
     def tcp_deceleration(self) -> Vector:
-        """|d²x/dt²| of the TCP (m/s²), by differences over 20 ms: what a body in the hand would feel, without the ripple of single ticks."""
+        """|d²x/dt²| of the TCP (m/s²), by differences over 20 ms: what a body in the hand would feel, without single ticks."""
         n = 20
         velocity = (self.tcp[n:] - self.tcp[:-n]) / (n * TICK_S)
         return np.linalg.norm((velocity[n:] - velocity[:-n]) / (n * TICK_S), axis=1)  # type: ignore[no-any-return]

@@ -9,6 +9,9 @@ from config.errors import ConfigError
 from config.load import SCENARIO_DIR, dump_scenario, load_scenario, scenario_names, validate
 from config.mission import build_mission
 from config.scenario import Scenario
+from stack.kinematics import ArmModel
+
+ARM = ArmModel.load("moma8")
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -23,7 +26,7 @@ MISSIONS = [name for name in scenario_names() if isinstance(load_scenario(name),
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_scenarios_with_physics_become_missions(name: str) -> None:
-    assert build_mission(load_scenario(name), joints=8).steps
+    assert build_mission(load_scenario(name), ARM).steps
 
 
 @pytest.mark.parametrize("name", MISSIONS)
@@ -88,7 +91,7 @@ def test_broken_files_are_one_line(tmp_path: Path, content: bytes) -> None:
 def test_preferences_of_the_wrong_length_are_refused() -> None:
     scenario = load_scenario("sliding-door", ["cases.2.heights=[1.0, 2.0]"])
     with pytest.raises(ConfigError, match="heights has 2 values, must have 8"):
-        build_mission(scenario, joints=8)
+        build_mission(scenario, ARM)
 
 
 def test_preferences_of_the_case_lie_over_the_common_ones() -> None:

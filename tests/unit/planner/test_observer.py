@@ -1,7 +1,7 @@
 """The slip observer: right on average, as sure as it says, undisturbed by latency and outliers, bounded whatever it is told."""
 
 import math
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -66,7 +66,9 @@ def error_states(drift: DriftEstimate, moment: Moment) -> np.ndarray:
     """(8,) true minus estimated, as the filter orders them."""
     point = np.array([moment.belief.pose.x, moment.belief.pose.y, 0.0, 1.0])
     shift = ((moment.T_RO - drift.T_RO) @ point)[:3]
-    return np.concatenate((shift, rotation_log((moment.T_RO @ np.linalg.inv(drift.T_RO))[:3, :3]), moment.slip - drift.slip))
+    return np.concatenate(
+        (shift, rotation_log((moment.T_RO @ np.linalg.inv(drift.T_RO))[:3, :3]), moment.slip - drift.slip)
+    )
 
 
 def test_it_is_as_sure_as_it_says() -> None:
@@ -75,7 +77,9 @@ def test_it_is_as_sure_as_it_says() -> None:
     for seed in range(60):
         random = np.random.default_rng(seed)
         slip = wandering(NOISY, random, 1500, PERIOD / 10)
-        drift, moment = follow(driving(120, slip), NOISY, lambda k, m, r=random: noisy(m.TCP, NOISY, r) if k % 2 else None)
+        drift, moment = follow(
+            driving(120, slip), NOISY, lambda k, m, r=random: noisy(m.TCP, NOISY, r) if k % 2 else None
+        )
         error, covariance = error_states(drift, moment), drift.now.covariance
         whole.append(error @ np.linalg.solve(covariance, error))
         of_slip.append(error[6:] @ np.linalg.solve(covariance[6:, 6:], error[6:]))
@@ -155,7 +159,7 @@ def test_an_outlier_is_rejected_and_leaves_no_trace() -> None:
     def with_outliers(k: int, moment: Moment) -> TrackedPose:
         return far_off(seen(moment.TCP), 0.05 * (k - 97)) if k in (100, 101, 102, 150) else seen(moment.TCP)
 
-    clean, moment = follow(driving(200, constant(0.01, 0.0)), NOISY)
+    clean, _ = follow(driving(200, constant(0.01, 0.0)), NOISY)
     dirty, _ = follow(driving(200, constant(0.01, 0.0)), NOISY, with_outliers)
     assert (dirty.rejected, dirty.count, dirty.placements) == (4, 196, 1)
     np.testing.assert_allclose(dirty.T_RO, clean.T_RO, atol=2e-5)
@@ -224,7 +228,7 @@ def test_slip_moves_the_frame_as_the_wheels_lose_their_way(v: float, omega: floa
     lasting = SlipModel(tau_s=1e9)
     moments = list(driving(20, constant(left, right), v, omega, fine=1))
     estimate = Estimate(moments[0].T_RO, np.array([left, right]), np.eye(8))
-    for a, b in zip(moments, moments[1:], strict=False):
+    for a, b in pairwise(moments):
         estimate = estimate.moved(a.belief.pose, b.belief.pose, PERIOD, TRACK, lasting)
     np.testing.assert_allclose(estimate.T_RO, moments[-1].T_RO, atol=1e-9)
     path = slipping([m.belief.pose for m in moments], np.array([left, right]), PERIOD, TRACK, 1e9)
