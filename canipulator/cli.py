@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from canipulator.log_commands import COMMANDS as LOG_COMMANDS
-from canipulator.map_command import COMMANDS as MAP_COMMANDS
+from canipulator.picture_commands import COMMANDS as PICTURE_COMMANDS
 from canipulator.tool_commands import COMMANDS as TOOL_COMMANDS
 from canipulator.tool_commands import serve_options, served_run
 from canipulator.wire_commands import COMMANDS as WIRE_COMMANDS
@@ -35,7 +35,7 @@ def cli() -> None:
     """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
 
 
-for _command in (*LOG_COMMANDS, *MAP_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
+for _command in (*LOG_COMMANDS, *PICTURE_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
     cli.add_command(_command)
 
 

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from config.table import Finite, NotNegative, Positive, Table, Vector3
 from stack.strategic.door import DoorGuess, Pull, PullDoor
+from stack.strategic.fence import Fence
 from stack.strategic.force_guidance import Admittance, Pair, Tool
 from stack.strategic.guide import Guide
 
@@ -25,7 +26,7 @@ class GuidanceTable(Table):
     """An admittance of the TCP (see stack.strategic.force_guidance); unset keys keep the law's own numbers.
 
     `mass_kg`, `damping_n_s_m`: one number per axis of the end-point frame. `turning`: whether torques turn the hand, too.
-    `gain = 0` switches it off.
+    `gain = 0` switches it off. `fence_margin`: kinematic singularity margin at which a spring begins to pull the hand back, 0 for none.
     """
 
     gain: NotNegative = 1.0
@@ -44,6 +45,7 @@ class GuidanceTable(Table):
     rate_rad_s: Positive = 1.0
     acceleration_m_s2: Positive = 2.5
     turning_acceleration_rad_s2: Positive = 6.0
+    fence_margin: NotNegative = 0.35
     tool: ToolTable | None = None
 
 
@@ -78,7 +80,7 @@ class DoorStepTable(Table):
 
 def guide(table: GuidanceTable, duration_s: float) -> Guide:
     """The motion of a step of kind `guide`."""
-    return Guide(admittance(table), duration_s)
+    return Guide(admittance(table), duration_s, Fence(margin=table.fence_margin))
 
 
 def admittance(table: GuidanceTable) -> Admittance:

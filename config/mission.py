@@ -12,6 +12,7 @@ from config.platform_path import path_writes
 from config.reaching import point_to_point, reach
 from config.scenario import PreferenceTable, Scenario, StepTable
 from drivers.tables import planner as table
+from drivers.tables import slip as slip_table
 from stack.kinematics.arm import ArmModel
 from stack.kinematics.posture import best_posture
 from stack.messages import Gripper, Matrix, Mode, Vector
@@ -52,6 +53,7 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
         ParameterWrite(table.REPULSION, 0, int(planner.repulsion)),
         ParameterWrite(table.CIRCUMVENTION, 0, int(planner.circumvention)),
         ParameterWrite(table.COLLISION_AVOIDANCE, 0, int(planner.collision_avoidance)),
+        *_slip_writes(scenario),
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))
@@ -59,6 +61,14 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
     return Mission(steps, choices + preferences + tuple(path_writes(scenario.platform_path)))
+
+
+def _slip_writes(scenario: Scenario) -> Iterator[ParameterWrite]:
+    planner, feedback = scenario.planner, scenario.feedback
+    yield ParameterWrite(slip_table.SLIP_OBSERVER, 0, int(planner.slip_observer))
+    model = (feedback.noise_m, feedback.noise_rad, planner.slip_sigma, planner.slip_tau_s)
+    for i, value in enumerate(model, start=1):
+        yield ParameterWrite(slip_table.SLIP_MODEL, i, value)
 
 
 def _step(step: StepTable, arm: ArmModel, choose: Choose | None, where: str) -> Step:

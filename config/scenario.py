@@ -30,8 +30,8 @@ class PlannerTable(Table):
     arm_cycle_hz: Annotated[float, Field(ge=10, le=500)] = 100.0
     platform_cycle_hz: Annotated[float, Field(ge=1, le=500)] = 20.0
     slip_observer: bool = True
-    slip_sigma: NotNegative = 0.01
-    slip_tau_s: Positive = 0.5
+    slip_sigma: Annotated[float, Field(ge=0, le=1)] = 0.01
+    slip_tau_s: Annotated[float, Field(ge=0.01, le=1000)] = 0.5
     null_space_motion: bool = True
     joint_limit_rules: bool = True
     repulsion: bool = False

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from drivers.objects import DeviceDef, PdoKind
 from drivers.tables.drive import JOINT_LIMITS, LIFT_LIMITS, WHEEL_LIMITS, DriveLimits, drive
+from drivers.tables.gripper import gripper
 from drivers.tables.planner import planner
 from drivers.tables.sensors import force_sensor, tracker
 from drivers.tables.strategic import strategic
@@ -21,6 +22,7 @@ JOINT_IDS = (21, 22, 23, 24, 25, 26, 27, 28)
 DRIVE_IDS = WHEEL_IDS + JOINT_IDS
 FORCE_SENSOR_ID = 31
 TRACKER_ID = 32
+GRIPPER_ID = 33
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +55,10 @@ def devices(drives: Mapping[int, DriveParameters] = DEFAULT_DRIVES) -> dict[int,
         raise ValueError(f"drives {sorted(drives)}: must be the node ids {sorted(DRIVE_IDS)}")
     others = [
         strategic(STRATEGIC_ID, watched=[PLANNER_ID]),
-        planner(PLANNER_ID, watched=[STRATEGIC_ID, *DRIVE_IDS, FORCE_SENSOR_ID, TRACKER_ID]),
+        planner(PLANNER_ID, watched=[STRATEGIC_ID, *DRIVE_IDS, FORCE_SENSOR_ID, TRACKER_ID, GRIPPER_ID]),
         force_sensor(FORCE_SENSOR_ID),
         tracker(TRACKER_ID),
+        gripper(GRIPPER_ID),
     ]
     axes = [
         drive(
@@ -75,4 +78,4 @@ def receivers(device: DeviceDef, kind: PdoKind) -> tuple[int, ...]:
     """Node ids that use the PDOs of `device` that go out (TPDO) or come in (RPDO: the device itself)."""
     if kind is PdoKind.RPDO:
         return (device.node_id,)
-    return (STRATEGIC_ID,) if device.node_id == PLANNER_ID else (PLANNER_ID,)
+    return (STRATEGIC_ID,) if device.node_id in (PLANNER_ID, GRIPPER_ID) else (PLANNER_ID,)

@@ -12,11 +12,13 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from drivers.catalogue import FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID, devices
+from drivers.catalogue import FORCE_SENSOR_ID, GRIPPER_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID, devices
 from drivers.frame_codec import FastFrameCodec, InvalidValueError, Number, UnknownFrameError
 from drivers.objects import DeviceDef
 from stack.messages import (
     Gripper,
+    GripperPhase,
+    GripperState,
     JointReference,
     MissionCommand,
     Mode,
@@ -25,6 +27,7 @@ from stack.messages import (
     Restriction,
     SingularityKind,
     SingularityReport,
+    SlipReport,
     TrackedPose,
     TwistCommand,
     Vector,
@@ -206,9 +209,16 @@ def _build_singularity(values: list[Number], counter: int) -> SingularityReport:
     return SingularityReport(_KINDS[int(kind)], int(manifold), (ks, as_, ss, sas), counter)
 
 
+def _build_gripper(values: list[Number], counter: int) -> GripperState:
+    if values[0] not in _GRIPPER_PHASES:
+        raise InvalidValueError(f"gripper.state = {values[0]}: must be one of {sorted(_GRIPPER_PHASES)}")
+    return GripperState(_GRIPPER_PHASES[int(values[0])], counter)
+
+
 _KINDS = {int(kind): kind for kind in SingularityKind}
 _MODES = {int(mode): mode for mode in Mode}
 _GRIPPER = {int(asked): asked for asked in Gripper}
+_GRIPPER_PHASES = {int(phase): phase for phase in GripperPhase}
 _PHASES = {int(phase): phase for phase in PlannerPhase}
 _DEVICES = devices()
 
@@ -261,12 +271,26 @@ TRACKED_POSE = MessageCodec[TrackedPose](
     _flat_tracked,
     _build_tracked,
 )
+GRIPPER_STATE = MessageCodec[GripperState](
+    GripperState,
+    _DEVICES[GRIPPER_ID],
+    ("gripper",),
+    lambda message: [int(message.phase), 0, 0],
+    _build_gripper,
+)
 SINGULARITY = MessageCodec[SingularityReport](
     SingularityReport,
     _DEVICES[PLANNER_ID],
     ("singularity",),
     lambda message: [int(message.kind), message.manifold, *message.margins],
     _build_singularity,
+)
+SLIP = MessageCodec[SlipReport](
+    SlipReport,
+    _DEVICES[PLANNER_ID],
+    ("slip",),
+    lambda message: [*message.slip, message.measured, message.rejected],
+    lambda values, counter: SlipReport((values[0], values[1]), int(values[2]), int(values[3]), counter),
 )
 MESSAGES: tuple[MessageCodec[Any], ...] = (
     TWIST,
@@ -276,5 +300,7 @@ MESSAGES: tuple[MessageCodec[Any], ...] = (
     REFERENCE,
     WRENCH,
     TRACKED_POSE,
+    GRIPPER_STATE,
     SINGULARITY,
+    SLIP,
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 from drivers.catalogue import (
     DRIVE_IDS,
     FORCE_SENSOR_ID,
+    GRIPPER_ID,
     PLANNER_ID,
     STRATEGIC_ID,
     TRACKER_ID,
@@ -18,6 +19,7 @@ from drivers.dbc_frames import bus_messages
 from drivers.eds import eds_text
 from drivers.objects import DeviceDef
 from drivers.tables.drive import WHEEL_LIMITS, drive
+from drivers.tables.gripper import gripper
 from drivers.tables.planner import planner
 from drivers.tables.sensors import force_sensor, tracker
 from drivers.tables.strategic import strategic
@@ -27,7 +29,7 @@ _DBC_COMMENT = (
     "Mobile manipulator on one CAN bus (CANopen conventions). Cycle times are the defaults: SYNC every 10 ms."
     " Torques are parts of the rated torque, which each drive has in 6076h."
 )
-_OTHERS = [STRATEGIC_ID, *DRIVE_IDS, FORCE_SENSOR_ID, TRACKER_ID]
+_OTHERS = [STRATEGIC_ID, *DRIVE_IDS, FORCE_SENSOR_ID, TRACKER_ID, GRIPPER_ID]
 _DEVICE_TYPES: dict[str, tuple[Callable[[int], DeviceDef], str]] = {
     "joint_drive.eds": (
         lambda node_id: drive(node_id, "joint_drive"),
@@ -41,6 +43,7 @@ _DEVICE_TYPES: dict[str, tuple[Callable[[int], DeviceDef], str]] = {
     "strategic.eds": (lambda node_id: strategic(node_id, [PLANNER_ID]), "Strategic node: commands the TCP's twist"),
     "force_sensor.eds": (force_sensor, "Force and torque sensor at the gripper"),
     "tracker.eds": (tracker, "Tracker of the TCP's pose"),
+    "gripper.eds": (gripper, "Two-finger gripper that the mission frame opens and closes"),
 }
 
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from drivers.bridge import Bridge
 from drivers.bus.base import Bus
 from drivers.canopen.nmt import ERROR_CONTROL_BASE, NMT_CAN_ID, NmtCommand, NmtState
 from drivers.canopen.node import CanopenNode, NodeApplication
@@ -26,6 +27,7 @@ from drivers.objects import DeviceDef
 from drivers.planner_objects import PlannerObjects
 from drivers.publisher import Publisher, receive
 from drivers.singularity_watch import SingularityWatch
+from drivers.slip_watch import SlipWatch
 from stack.messages import JointReference, Mode, PlannerPhase, TrackedPose
 from stack.messages import PlannerState as StateMessage
 from stack.planner.drift import DriftEstimate
@@ -87,6 +89,7 @@ class PlannerNode(NodeApplication):
         self._commanded = self._followed = 0.0
         settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns)
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, times, self._on_drive_event)
+        self._bridge = Bridge(len(drives) - WHEELS)
         self._targets, self._efforts = np.zeros(len(drives)), np.zeros(len(drives))
         self._feedback_ids = frozenset(axis.feedback_id for axis in self.master.axes)
         for can_id in sorted(self.master.can_ids):
@@ -98,6 +101,7 @@ class PlannerNode(NodeApplication):
         self._state_out = Publisher(self.node, PLANNER_STATE)
         self._reference_out = Publisher(self.node, REFERENCE)
         self._singularities = SingularityWatch(self.node, planner.arm)
+        self._slip = SlipWatch(self.node, on_event)
         for node_id in others:
             self.node.subscribe(ERROR_CONTROL_BASE + node_id, self._on_other_heartbeat)
 
@@ -160,9 +164,11 @@ class PlannerNode(NodeApplication):
         self.platform_cycles += outputs.platform_cycle
         self._progress(outputs)
         self._send(outputs)
+        self._slip.update(self._state.drift)
         # In the cycle before a platform cycle: as often, and what both cost does not add up.
         if parameters.platform_cycle_due(self._state.cycle + 1):
             self._singularities.update(outputs.q, self._sync_count)
+            self._slip.publish(self._sync_count)
         if self._stopwatch is not None:
             self.cycle_ns.append(self._stopwatch() - begin)
 
@@ -188,11 +194,13 @@ class PlannerNode(NodeApplication):
             for axis in self.master.axes
         ]
         left, right, *joints = positions
+        outputs = self.outputs
+        moved = np.zeros(len(joints)) if outputs is None else outputs.dq * (self._period_ns * 1e-9)
         twist = self._twist.fresh(parameters.twist_timeout_ns)
         return PlannerInputs(
             t_ns=self._sync_ns,
             mode=self._mode(),
-            q=None if None in joints else np.array(joints),
+            q=self._bridge.update(joints, moved),
             wheels=None if left is None or right is None else (left, right),
             twist=None if twist is None else twist.twist,
             tracked=self._aged(),

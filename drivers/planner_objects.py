@@ -12,6 +12,7 @@ import numpy as np
 from drivers.canopen.node import CanopenNode
 from drivers.objects import Value
 from drivers.platform_path_objects import PlatformPathObjects
+from drivers.slip_watch import SlipObjects
 from drivers.tables import planner as table
 from stack.kinematics.proximity import Box
 from stack.kinematics.se3 import rotation_log
@@ -53,6 +54,7 @@ class PlannerObjects:
         self._reported = reported
         self._bind_choices()
         self._bind_preferences()
+        self._slip = SlipObjects(node, lambda: self.parameters, self._change)
         PlatformPathObjects(node.dictionary, lambda path: self._change(platform_path=path))
         self._bind_reports(initial.limits.q_min.size)
 
@@ -67,6 +69,7 @@ class PlannerObjects:
         objects.set(table.REPULSION, 0, int(self._initial.repulsion))
         objects.set(table.CIRCUMVENTION, 0, int(self._initial.circumvention))
         objects.set(table.COLLISION_AVOIDANCE, 0, int(self._initial.collision_avoidance))
+        self._slip.restore(self._initial)
         self._obstacles[:] = 0.0
         for index in table.OBSTACLES:
             for i in range(len(table.OBSTACLE_NAMES)):

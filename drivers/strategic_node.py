@@ -12,19 +12,40 @@ from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
 from drivers.canopen.sequence import Download, Sequence, SequenceFailure, Sequencer, Upload
 from drivers.clock import Clock
-from drivers.codec import JOINT_REFERENCE, MISSION, PLANNER_STATE, REFERENCE, TWIST, WRENCH, ReferencePose
+from drivers.codec import (
+    GRIPPER_STATE,
+    JOINT_REFERENCE,
+    MISSION,
+    PLANNER_STATE,
+    REFERENCE,
+    SINGULARITY,
+    TWIST,
+    WRENCH,
+    ReferencePose,
+)
 from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from drivers.publisher import Publisher, receive
 from drivers.tables.planner import CONFIGURATION, TCP_ROTATION_VECTOR
 from stack.kinematics.se3 import rotation_exp
-from stack.messages import JointReference, Matrix, MissionCommand, PlannerState, TwistCommand, Vector, Wrench
+from stack.messages import (
+    JointReference,
+    Matrix,
+    MissionCommand,
+    PlannerState,
+    SingularityReport,
+    TwistCommand,
+    Vector,
+    Wrench,
+)
 from stack.strategic.mission import Mission, MissionInputs, MissionOutputs, MissionState, ParameterWrite, Stage
 from stack.strategic.motion import CYCLE_NS
 
 STATE_TIMEOUT_NS = 200_000_000
 REFERENCE_TIMEOUT_NS = 100_000_000
 WRENCH_TIMEOUT_NS = 50_000_000
+GRIPPER_TIMEOUT_NS = 200_000_000
+SDO_ATTEMPTS = 8
 OnEvent = Callable[[str], None]
 
 
@@ -51,9 +72,11 @@ class StrategicNode(NodeApplication):
         self._planner = receive(self.node, PLANNER_STATE)
         self._reference = receive(self.node, REFERENCE)
         self._wrench = receive(self.node, WRENCH)
+        self._singularity = receive(self.node, SINGULARITY)
+        self._gripper = receive(self.node, GRIPPER_STATE)
         self._types = {entry.key: entry.data_type for entry in planner.objects}
         self._sequencer = Sequencer(clock)
-        self._client = SdoClient(planner.node_id, self.node.line.send, clock)
+        self._client = SdoClient(planner.node_id, self.node.line.send, clock, attempts=SDO_ATTEMPTS)
         self.node.subscribe(RESPONSE_BASE + planner.node_id, self._on_response)
 
     @property
@@ -92,6 +115,8 @@ class StrategicNode(NodeApplication):
     def _inputs(self, now_ns: int) -> MissionInputs:
         reference: ReferencePose | None = self._reference.fresh(REFERENCE_TIMEOUT_NS)
         wrench: Wrench | None = self._wrench.fresh(WRENCH_TIMEOUT_NS)
+        margins: SingularityReport | None = self._singularity.fresh(STATE_TIMEOUT_NS)
+        gripper: GripperState | None = self._gripper.fresh(GRIPPER_TIMEOUT_NS)
         return MissionInputs(
             now_ns,
             self.planner_state,
@@ -101,6 +126,8 @@ class StrategicNode(NodeApplication):
             self._q,
             X_RE=_pose(reference) if reference is not None and reference.valid else None,
             wrench=None if wrench is None else wrench.wrench,
+            grasped=None if gripper is None else gripper.phase is GripperPhase.HOLDING,
+            singularity_margin=None if margins is None else margins.margins[0],
         )
 
     def _publish(self, outputs: MissionOutputs) -> None:

@@ -49,7 +49,7 @@ def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
         "Torque at the gripper [N·m]": ("wrench/torque",),
         "Commanded twist, linear [m/s]": ("twist/linear",),
         "Commanded twist, angular [rad/s]": ("twist/angular",),
-        "Wheel slip [%]": ("wheels/slip_percent",),
+        "Wheel slip [%]": ("wheels/slip_percent", "wheels/slip_estimate_percent"),
     }
 
 

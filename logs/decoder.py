@@ -198,6 +198,7 @@ class SignalDecoder:
         plain = (
             ("planner/state", PLANNER_ID, 1, (0, 1, 2, 3)),
             ("singularity/margins", PLANNER_ID, 5, (2, 3, 4, 5, 0, 1)),
+            ("slip/estimate", PLANNER_ID, 6, (0, 1, 2, 3)),
             ("mission", STRATEGIC_ID, 4, (0, 1)),
             ("twist/linear", STRATEGIC_ID, 1, (0, 1, 2)),
             ("twist/angular", STRATEGIC_ID, 2, (0, 1, 2)),

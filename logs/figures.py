@@ -5,6 +5,7 @@ Each is written as vector PDF (fonts embedded) and as PNG. Several runs lie over
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,15 +65,9 @@ def save_figures(runs: Sequence[FigureRun], arm: ArmModel, folder: Path) -> list
     Of several runs there is `joints-1`, `joints-2`, … Makes `folder`. Raises OSError when a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    together: tuple[tuple[str, Callable[[Figure, Sequence[FigureRun]], bool], tuple[float, float]], ...] = (
-        ("path", _path, _TALL_IN),
-        ("error", _error, _WIDE_IN),
-        ("manipulability", _manipulability, _TALL_IN),
-        ("platform", _platform, _TALL_IN),
-    )
     written: list[Path] = []
     with mpl.rc_context(_STYLE):
-        for name, draw, size in together:
+        for name, (draw, size) in _TOGETHER.items():
             figure = Figure(figsize=size, layout="constrained")
             if draw(figure, runs):
                 written += _save(figure, folder / name)
@@ -81,6 +76,21 @@ def save_figures(runs: Sequence[FigureRun], arm: ArmModel, folder: Path) -> list
             if _joints(figure, run, arm, title=len(runs) > 1):
                 written += _save(figure, folder / (f"joints-{number}" if len(runs) > 1 else "joints"))
     return written
+
+
+def figure_png(name: str, runs: Sequence[FigureRun], arm: ArmModel) -> bytes | None:
+    """One of the figures of `save_figures` as a PNG file's bytes; None where nothing of it was measured.
+
+    Raises KeyError for a name that is none of `path`, `error`, `manipulability`, `platform`.
+    """
+    draw, size = _TOGETHER[name]
+    stored = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        if not draw(figure, runs):
+            return None
+        figure.savefig(stored, format="png", dpi=_DPI)
+    return stored.getvalue()
 
 
 def _save(figure: Figure, stem: Path) -> list[Path]:
@@ -212,3 +222,11 @@ def _colour(i: int) -> tuple[float, float, float]:
     color: Color = JOINTS[i % len(JOINTS)]
     r, g, b = (0.75 * part / 255 for part in color)
     return (r, g, b)
+
+
+_TOGETHER: dict[str, tuple[Callable[[Figure, Sequence[FigureRun]], bool], tuple[float, float]]] = {
+    "path": (_path, _TALL_IN),
+    "error": (_error, _WIDE_IN),
+    "manipulability": (_manipulability, _TALL_IN),
+    "platform": (_platform, _TALL_IN),
+}

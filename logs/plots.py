@@ -69,6 +69,7 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         Series("twist/linear", XYZ, palette.AXES),
         Series("twist/angular", XYZ, palette.AXES),
         Series("wheels/slip_percent", ("left", "right"), (palette.MEASURED, palette.COMMANDED)),
+        Series("wheels/slip_estimate_percent", ("left, estimate", "right, estimate"), (palette.TRUE, palette.VIOLET)),
         Series("tracker/position_error_mm", ("distance",), (palette.NEUTRAL,)),
     )
 
@@ -99,6 +100,9 @@ class Plots:
             margins = signals["singularity/margins"]
             yield "singularity/margins", Signal(margins.t_ns, margins.values[:, :4])
             yield from self._manifold_distances(signals)
+        if "slip/estimate" in signals:
+            slip = signals["slip/estimate"]
+            yield "wheels/slip_estimate_percent", Signal(slip.t_ns, 100.0 * slip.values[:, :2])
         if "planner/state" in signals:
             state = signals["planner/state"]
             yield "planner/path_scale", Signal(state.t_ns, state.values[:, 3:4])

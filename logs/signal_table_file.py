@@ -134,6 +134,7 @@ def _layouts(joints: Sequence[str], drives: Sequence[str]) -> dict[str, tuple[Se
         "reference/pose": ([f"{name} [{'m' if name in _XYZ else 'rad'}]" for name in pose], _Unit()),
         "reference/segment": (("",), _Unit()),
         "planner/state": (("phase", "status", "restrictions", "path_scale"), _Unit()),
+        "slip/estimate": (("left", "right", "measured", "rejected"), _Unit()),
         "mission": (("mode", "step"), _Unit()),
         "twist/linear": (_XYZ, _Unit("m/s")),
         "twist/angular": (_XYZ, _Unit("rad/s")),

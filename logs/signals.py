@@ -14,6 +14,7 @@ Signals that the decoder makes from frames and truth, all in SI units. "cycle" r
 | `reference/segment` | counts from 1, one more for each time that references become valid | as `reference/pose` |
 | `planner/state` | phase, status, restrictions, path scale | frame |
 | `singularity/margins` | KS, AS, SS, SAS; kind, nearest manifold | frame |
+| `slip/estimate` | slip ratio left, right; tracked poses taken in, rejected (modulo 256) | frame |
 | `mission` | mode, step | frame |
 | `twist/linear`, `twist/angular`, `wrench/force`, `wrench/torque` | x y z | frame |
 | `tracker/position`, `tracker/rotation_vector`, `tracker/age` | x y z; s | frame |

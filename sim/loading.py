@@ -12,8 +12,8 @@ import numpy as np
 from sim.bullet import pybullet, quiet
 from stack.messages import Vector
 
-FLOOR, WHEELS, GRIPPER, OBSTACLES = 1, 2, 4, 8
-"""Collision groups; a door that the gripper shall be able to hit belongs to OBSTACLES with mask GRIPPER."""
+FLOOR, WHEELS, GRIPPER, OBSTACLES, ARM, OBJECTS = 1, 2, 4, 8, 16, 32
+"""Collision groups. ARM: platform and links of the arm, which meet OBSTACLES (tables, walls, doors) and OBJECTS (what can be taken)."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class PhysicsParameters:
     floor_friction: float = 1.0
     gripper_touches: bool = False
     """whether the gripper collides with floor and obstacles"""
+    links_touch: bool = False
+    """whether platform and links of the arm collide with obstacles and objects"""
     gripper_friction: float = 0.5
     grasp_force: float = 300.0
     """N, the most that a grasp holds"""
@@ -85,7 +87,7 @@ def load(client: int, urdf: Path, parameters: PhysicsParameters, names: RobotNam
     plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
     floor = p.createMultiBody(0.0, plane, physicsClientId=client)
     p.changeDynamics(floor, -1, lateralFriction=parameters.floor_friction, physicsClientId=client)
-    p.setCollisionFilterGroupMask(floor, -1, FLOOR, WHEELS | GRIPPER | OBSTACLES, physicsClientId=client)
+    p.setCollisionFilterGroupMask(floor, -1, FLOOR, WHEELS | GRIPPER | OBSTACLES | OBJECTS, physicsClientId=client)
     with quiet():
         robot = p.loadURDF(str(urdf), flags=p.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
     joints = [
@@ -133,6 +135,9 @@ def _set_contacts(client: int, loaded: Loaded, parameters: PhysicsParameters, na
         p.setCollisionFilterGroupMask(robot, index, 0, 0, physicsClientId=client)
     for name in (*names.wheels, names.castor):
         p.setCollisionFilterGroupMask(robot, loaded.link[name], WHEELS, FLOOR, physicsClientId=client)
+    if parameters.links_touch:
+        for index in (-1, *(loaded.link[name] for name in (*names.arm, names.force_sensor))):
+            p.setCollisionFilterGroupMask(robot, index, ARM, OBSTACLES | OBJECTS, physicsClientId=client)
     if parameters.gripper_touches:
         gripper = loaded.link[names.gripper]
         p.setCollisionFilterGroupMask(robot, gripper, GRIPPER, FLOOR | OBSTACLES, physicsClientId=client)

@@ -13,11 +13,22 @@ from typing import Any
 import numpy as np
 
 from sim.bullet import pybullet, quiet
-from sim.loading import FLOOR, GRIPPER, OBSTACLES, WHEELS, PhysicsParameters, RobotNames, load, solid
+from sim.loading import (
+    ARM,
+    FLOOR,
+    GRIPPER,
+    OBJECTS,
+    OBSTACLES,
+    WHEELS,
+    PhysicsParameters,
+    RobotNames,
+    load,
+    solid,
+)
 from sim.rotation import cross, inverse, pose_of, quaternion_of
 from stack.messages import Matrix, Vector
 
-__all__ = ["FLOOR", "GRIPPER", "OBSTACLES", "WHEELS", "Physics", "PhysicsParameters", "RobotNames"]
+__all__ = ["ARM", "FLOOR", "GRIPPER", "OBJECTS", "OBSTACLES", "WHEELS", "Physics", "PhysicsParameters", "RobotNames"]
 
 
 class Physics:

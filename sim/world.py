@@ -14,6 +14,7 @@ from sim.physics import Physics, PhysicsParameters, RobotNames
 from sim.plant import RobotPlant
 from sim.rotation import rotation_of
 from sim.slip import Slip, SlipParameters
+from sim.surroundings import Surroundings, SurroundingsParameters
 from sim.wheel_plant import WheelPlant, WheelPlantParameters
 from stack.messages import Truth
 
@@ -31,6 +32,7 @@ class WorldParameters:
     wheels: WheelPlantParameters = field(default_factory=WheelPlantParameters)
     slip: SlipParameters = field(default_factory=SlipParameters)
     force_sensor: ForceSensorParameters = field(default_factory=ForceSensorParameters)
+    surroundings: SurroundingsParameters = field(default_factory=SurroundingsParameters)
     home: tuple[float, ...] = MOMA8_HOME
     """arm configuration after a reset (8,), rad and m"""
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -51,7 +53,7 @@ class World:
         self.seed = seed
         self.physics = Physics(urdf, self.parameters.physics, self.parameters.names)
         self.before_step: list[Callable[[], None]] = []
-        """Called at the start of every step, in order: what doors and people do, through `physics.push` and the like."""
+        """Called at the start of every step, in order, after the surroundings have acted: through `physics.push` and the like."""
         self.physics_step: Callable[[], None] = self.physics.step
         """The bare physics step; wrap it to measure it."""
         self.reset()
@@ -63,7 +65,7 @@ class World:
     def reset(self) -> None:
         """Back to the start: the same bits as after construction.
 
-        Objects beside floor and robot are gone; `plant` and `force_sensor` are new ones.
+        `plant`, `force_sensor` and `surroundings` are new ones; what somebody else put into the physics is gone.
         """
         parameters, physics = self.parameters, self.physics
         physics.load()
@@ -80,6 +82,7 @@ class World:
         pose[:3, :3] = rotation_of((0.0, 0.0, heading))
         pose[:2, 3] = x, y
         physics.place(pose, parameters.home)
+        self.surroundings = Surroundings(physics, parameters.surroundings)
         self.plant.brake([True] * self.plant.axes)
         for _ in range(round(parameters.settle_s / step_s)):
             self.plant.actuate()
@@ -87,9 +90,11 @@ class World:
             physics.sense()
         self.plant.zero()
         self.force_sensor = ForceSensor(parameters.force_sensor, physics, self.seed)
+        self.surroundings.start()
 
     def step(self) -> None:
         """One tick of `physics.step_s`, with the commands that the plant holds."""
+        self.surroundings.act()
         for act in self.before_step:
             act()
         self.plant.actuate()
@@ -115,4 +120,5 @@ class World:
             wheel_slip=plant.slip.ratio.copy(),
             base_twist=physics.base_twist(pose_WB),
             contact_wrench=np.concatenate([turned @ external[:3], turned @ external[3:]]),
+            **self.surroundings.truth(),
         )

@@ -102,6 +102,17 @@ class SingularityReport:
 
 
 @dataclass(frozen=True, slots=True)
+class SlipReport:
+    """What the planner's slip observer says: slip ratio of the left and the right wheel, and how many tracked poses it has taken in and
+    rejected, both modulo 256."""
+
+    slip: tuple[float, float]
+    measured: int
+    rejected: int
+    counter: int
+
+
+@dataclass(frozen=True, slots=True)
 class TwistCommand:
     """Commanded TCP twist in the commanded end-point frame, (6,) `[v; ω]`; platform only: v[0] and ω[2] of the platform."""
 

@@ -15,6 +15,9 @@ from drivers.frame import Frame
 from drivers.objects import Value
 
 
+EXCUSED_TIMEOUTS = 2
+
+
 class HeartbeatProducer:
     """Tells the node's state every 1017h milliseconds, from the boot-up message on."""
 
@@ -62,12 +65,14 @@ class _Watched:
     handler: Handler | None = None
     timer: Timer | None = None
     alive: bool = False
+    excused: int = 0
 
 
 class HeartbeatConsumer:
     """Watches the nodes of 1016h; a lost one is EMCY 8130h and `on_lost(node_id)`, a returning one resolves it.
 
-    `on_remote_state(node_id, state)` is called for every heartbeat and boot-up message of a watched node.
+    `on_remote_state(node_id, state)` is called for every heartbeat and boot-up message of a watched node. A node that `excuses` speaks
+    for has three time-outs: on a bus that loses frames, three heartbeats in a row are lost now and then.
     """
 
     def __init__(
@@ -78,6 +83,7 @@ class HeartbeatConsumer:
         emcy: Emergency,
         on_lost: Callable[[int], None],
         on_remote_state: Callable[[int, int], None],
+        excuses: Callable[[int], bool] = lambda node_id: False,
     ) -> None:
         self._dictionary = dictionary
         self._clock = clock
@@ -85,6 +91,7 @@ class HeartbeatConsumer:
         self._emcy = emcy
         self._on_lost = on_lost
         self._on_remote_state = on_remote_state
+        self._excuses = excuses
         self._slots = [
             entry.definition.subindex
             for entry in dictionary
@@ -132,6 +139,7 @@ class HeartbeatConsumer:
             watched.timer = self._clock.call_at(
                 self._clock.now_ns() + watched.timeout_ns, lambda: self._time_out(watched)
             )
+            watched.excused = 0
             self._lost.discard(watched.node_id)
             if not self._lost:
                 self._emcy.resolve(EmcyCode.HEARTBEAT)
@@ -141,6 +149,12 @@ class HeartbeatConsumer:
 
     def _time_out(self, watched: _Watched) -> None:
         watched.timer = None
+        if watched.excused < EXCUSED_TIMEOUTS and self._excuses(watched.node_id):
+            watched.excused += 1
+            watched.timer = self._clock.call_at(
+                self._clock.now_ns() + watched.timeout_ns, lambda: self._time_out(watched)
+            )
+            return
         self._lost.add(watched.node_id)
         self._emcy.report(EmcyCode.HEARTBEAT, bytes((watched.node_id,)))
         self._on_lost(watched.node_id)

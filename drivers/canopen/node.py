@@ -52,6 +52,10 @@ class NodeApplication:
     def on_remote_state(self, node_id: int, state: int) -> None:
         """Heartbeat or boot-up message (state 0) of a watched node."""
 
+    def excuses(self, node_id: int) -> bool:
+        """Whether other frames show that this node, whose heartbeat is overdue, is there. Then it has three time-outs, not one."""
+        return False
+
 
 class CanopenNode:
     """One node. Nothing happens before `power_on`; afterwards frames and the clock drive it, no thread, no sleep.
@@ -72,7 +76,7 @@ class CanopenNode:
         self.sdo = SdoServer(device.node_id, dictionary, clock, line, nmt)
         self.heartbeat_producer = HeartbeatProducer(device.node_id, dictionary, clock, line, nmt)
         self.heartbeat_consumer = HeartbeatConsumer(
-            dictionary, clock, line, emcy, self._on_heartbeat_lost, self._on_remote_state
+            dictionary, clock, line, emcy, self._on_heartbeat_lost, self._on_remote_state, self._excuses
         )
         self.sync_consumer = SyncConsumer(dictionary, line, nmt, emcy, self._on_sync)
         self.sync_producer = SyncProducer(dictionary, clock, line, nmt, self._on_sync)
@@ -173,6 +177,9 @@ class CanopenNode:
 
     def _on_heartbeat_lost(self, _: int) -> None:
         self._lost(CommunicationLoss.HEARTBEAT)
+
+    def _excuses(self, node_id: int) -> bool:
+        return self.application.excuses(node_id)
 
     def _on_remote_state(self, node_id: int, state: int) -> None:
         self.application.on_remote_state(node_id, state)

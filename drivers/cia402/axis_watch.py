@@ -26,7 +26,7 @@ SPEED_TIME_S = 0.05
 STILL = 0.01
 """An axis stands below this fraction of its velocity limit."""
 JUMP = 6.0
-"""A reading that would take more than this multiple of the velocity limit since the last one cannot be true."""
+"""A reading that takes a change of speed by more than this multiple of the velocity limit within a tick cannot be true."""
 FROZEN = 0.02
 """An encoder that has not changed at all while its set point went this fraction of the following error window is frozen …"""
 FROZEN_LEAST_S = 0.01
@@ -104,9 +104,10 @@ def sense(
         alarms[axis] = 0
         good = math.isfinite(raw_position[axis]) and math.isfinite(raw_velocity[axis])
         if good and mode[axis] != _OFF:
-            fastest = JUMP * watch[SPEED_LIMIT, axis]
-            way = abs(raw_position[axis] - zero[axis] - position[axis])
-            good = way <= fastest * dt_s and abs(raw_velocity[axis]) <= fastest
+            change = JUMP * watch[SPEED_LIMIT, axis]
+            expected = position[axis] + velocity[axis] * dt_s
+            good = abs(raw_position[axis] - zero[axis] - expected) <= change * dt_s
+            good = good and abs(raw_velocity[axis] - velocity[axis]) <= change
         if good:
             position[axis] = raw_position[axis] - zero[axis]
             velocity[axis] = raw_velocity[axis]

@@ -29,8 +29,8 @@ class MasterTimes:
     transition_ns: int = 500_000_000
     stop_ns: int = 5_000_000_000
     sdo_ns: int = 200_000_000
-    sdo_attempts: int = 3
-    late_syncs: int = 3
+    sdo_attempts: int = 8
+    late_syncs: int = 10
     standstill: float = 5e-3
     """rad/s or m/s: at most this is standing."""
 

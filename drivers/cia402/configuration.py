@@ -26,6 +26,8 @@ SETTINGS = (0x6007, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6065, 0x6066, 0x60
 """Objects that get the value of the device's definition, unless `DriveSettings.parameters` says otherwise."""
 _ABSENT = (AbortCode.NO_SUCH_OBJECT, AbortCode.NO_SUCH_SUBINDEX)
 _MODE_TRIES = 20
+START_TRIES = 4
+"""NMT commands are not confirmed: one that got lost is given again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +77,19 @@ def set_up(
     axis.statusword = None
     axis.started = True
     axis.started_ns = clock.now_ns()
-    command(NmtCommand.START)
-    yield Until(
-        lambda: axis.statusword is not None,
-        settings.answer_timeout_ns,
-        "TPDO1 after the NMT start (is SYNC running?)",
-        lambda: f"NMT state {axis.nmt_state}, no TPDO1",
-    )
+    for attempt in range(1, START_TRIES + 1):
+        command(NmtCommand.START)
+        try:
+            yield Until(
+                lambda: axis.statusword is not None,
+                settings.answer_timeout_ns // START_TRIES,
+                "TPDO1 after the NMT start (is SYNC running?)",
+                lambda: f"NMT state {axis.nmt_state}, no TPDO1",
+            )
+            return
+        except StepError:
+            if attempt == START_TRIES:
+                raise
 
 
 def identify(axis: AxisClient) -> Sequence[None]:

@@ -2,8 +2,8 @@
 
 With every SYNC: RPDOs into the dictionary, controlword, set point to the loops; then TPDOs sample. The state machine
 obeys the table of states.py; ramps and reactions are those of the option codes 605Ah … 605Eh and 6007h.
-An enabled drive in a cyclic mode lives on fresh set points: three SYNC periods without one, or without SYNC, count as
-loss of communication. Enabling, and whatever else makes it stop, begins from where the axis is.
+An enabled drive in a cyclic mode lives on fresh set points: it goes on for a period without one, then brakes; ten SYNC periods without
+one, or without SYNC, count as loss of communication. Enabling, and whatever else makes it stop, begins from where the axis is.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ from drivers.objects import DeviceDef, Value
 from stack.servo.state import AxisMode
 
 MISSED_PERIODS = 3
-"""SYNC periods without a set point, or without SYNC, until the drive gives its master up."""
+"""SYNC periods without a set point, or without SYNC, until the drive says so. By then it brakes: the loops do that by themselves, two
+periods after the last set point; they go on when set points return."""
+LOST_PERIODS = 10
+"""… until the drive gives its master up: the reaction of 6007h."""
 
 _LOOP = {
     Mode.CYCLIC_POSITION: AxisMode.POSITION,
@@ -66,6 +69,7 @@ class Drive(NodeApplication):
         self.faults = Faults(self.node)
         self._controlword = 0
         self._missing = 0
+        self._sync_late = False
         self._flags = 0
         self._after_stop: State | None = None
         self._holding = False
@@ -132,6 +136,10 @@ class Drive(NodeApplication):
             self.axis.expect_sync(None)
             self.axis.stop(self.parameters.deceleration, report=False)
 
+    def excuses(self, node_id: int) -> bool:
+        """A master whose set points come is there, heartbeat or not; that is believed for a while."""
+        return self._missing == 0 and self.state is State.OPERATION_ENABLED and self._loop is not None
+
     def on_sync(self, counter: int | None) -> None:
         fresh = self.process_data.take_fresh()
         self._flags = self.axis.take_flags()
@@ -147,9 +155,12 @@ class Drive(NodeApplication):
             self.process_data.pass_on(now_ns, period_ns)
         elif not self._holding:
             self._missing += 1
-            if self._missing >= MISSED_PERIODS:
+            if self._missing == MISSED_PERIODS:
+                self.node.emcy.report(EmcyCode.RPDO_TIMEOUT)
+            elif self._missing >= LOST_PERIODS:
                 self.on_communication_loss(CommunicationLoss.RPDO)
         if self.state is State.OPERATION_ENABLED and not self._holding:
+            self._sync_late = False
             self.axis.expect_sync(now_ns + MISSED_PERIODS * period_ns)
 
     # ---- controlword
@@ -211,6 +222,7 @@ class Drive(NodeApplication):
     def _enable(self) -> None:
         self.state = State.OPERATION_ENABLED
         self._missing = 0
+        self._sync_late = False
         self.process_data.seed()
         deadline_ns = self.clock.now_ns() + MISSED_PERIODS * self.parameters.period_ns
         self.axis.expect_sync(None if self._loop is None else deadline_ns)
@@ -268,9 +280,19 @@ class Drive(NodeApplication):
             if alarm & bit:
                 self._fault(code, at_once=bit is Alarm.SENSOR or helpless)  # no ramp without an encoder either
         if alarm & Alarm.SYNC_LOST:
-            self.on_communication_loss(CommunicationLoss.SYNC)
+            self._on_late_sync()
         if alarm & Alarm.STOPPED and self._after_stop is not None:
             self._switch_off(self._after_stop)
+
+    def _on_late_sync(self) -> None:
+        """The first time: said, and waited for; the second time: given up."""
+        if self._sync_late:
+            self.on_communication_loss(CommunicationLoss.SYNC)
+        else:
+            self._sync_late = True
+            self.node.emcy.report(EmcyCode.SYNC_LOST)
+            wait_ns = (LOST_PERIODS - MISSED_PERIODS) * self.parameters.period_ns
+            self.axis.expect_sync(self.clock.now_ns() + wait_ns)
 
     def _fault(self, code: EmcyCode, at_once: bool = False) -> None:
         """Transition 13 with the reaction of 605Eh, then 14; `at_once`: no ramp, torque off."""
@@ -312,7 +334,7 @@ class Drive(NodeApplication):
             return bits | self.homing.status
         if self._after_stop is not None or self._holding or self._controlword & Control.HALT:
             return bits | (Status.TARGET_REACHED if self.process_data.standing else 0)
-        if self._loop is not None:
+        if self._loop is not None and self._missing < MISSED_PERIODS:
             bits |= Status.FOLLOWS_TARGET
             if self.process_data.target_reached():
                 bits |= Status.TARGET_REACHED

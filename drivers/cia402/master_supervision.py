@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterable
 from typing import Protocol
 
+from drivers.canopen.heartbeat import EXCUSED_TIMEOUTS
 from drivers.canopen.nmt import NmtState
 from drivers.cia402.axis import AxisClient
 from drivers.cia402.phases import AxisPhase, EmergencyMessage, EventKind, error_text
@@ -131,6 +132,8 @@ class MasterSupervision:
     def _on_heartbeat_due(self, axis: AxisClient) -> None:
         now_ns = self._clock.now_ns()
         due_ns = max(axis.heartbeat_ns or 0, axis.started_ns) + self._heartbeat_timeout_ns
+        if now_ns - axis.received_ns < self._heartbeat_timeout_ns and axis.statusword is not None:
+            due_ns += EXCUSED_TIMEOUTS * self._heartbeat_timeout_ns  # its feedback shows that it is there
         if now_ns < due_ns:
             self._watch(axis, due_ns)
         elif axis.phase is AxisPhase.FAULT or axis.phase in SUPERVISED:

@@ -6,6 +6,7 @@ from drivers.objects import Access, DataType, DeviceDef, ObjectDef
 from drivers.tables.communication import U8, U16, Identity, array
 from drivers.tables.fast import FastFrame, Signal, fast_device, vector
 from drivers.tables.platform_path import platform_path_objects
+from drivers.tables.slip import SLIP_FRAME, slip_objects
 from stack.messages import SingularityKind
 from stack.planner.parameters import Coordination, Method
 
@@ -73,6 +74,7 @@ FRAMES = (
         ),
         cob_id=SINGULARITY_COB_ID,
     ),
+    SLIP_FRAME,
 )
 
 
@@ -108,6 +110,7 @@ def _parameters() -> list[ObjectDef]:
             for entry in array(index, f"Obstacle {number}", OBSTACLE_NAMES, REAL32)
         ),
         *platform_path_objects(),
+        *slip_objects(),
         *array(CONFIGURATION, "Configuration", JOINT_NAMES, REAL32, access=Access.RO),
         *array(TCP_POSITION, "TCP position", ("x", "y", "z"), REAL32, access=Access.RO, unit="m"),
         *array(TCP_ROTATION_VECTOR, "TCP rotation vector", ("x", "y", "z"), REAL32, access=Access.RO, unit="rad"),

@@ -97,7 +97,8 @@ class PlannerParameters:
 
     `correction_gain` (1/s): how fast a deviation of the commanded TCP pose is worked off; `slip_observer`: whether
     the wheels' slip is estimated (with `slip_model`) and fed forward; without it `tracker_gain` is the weight of one TCP measurement;
-    `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from the path beyond which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
+    `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from the path beyond
+    which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
     from its singular manifolds, softly and hard, with the sizes of `avoidance`; `collision_avoidance`: whether its
     links keep clear of each other, of the platform and of the `obstacles`, as `clearance` says. `platform_path`: what the
     platform is bound to while arm and platform are coordinated, from where it stands when it first sees it; None: it moves freely.

@@ -141,13 +141,20 @@ def follow_path(
     works off the present deviation (6,), at the rate `gain`; and the patience.
 
     Patience is the share of `twist`, 1 to 0, while the set points are off the path by more than `patience_m` or `patience_rad`, 0 from
-    twice as much on: an arm that cannot follow makes the path wait, wherever it is, instead of cutting the corner later.
+    twice as much on: an arm that cannot follow makes the path wait, wherever it is, instead of cutting the corner later. It is 1 for a
+    twist that brings the path back to the set points: who turns round where the arm could not go is not held there.
     """
     desired = desired_in_arm(T_RO, x, y, heading, base, X_RE)
     off = body_twist(T_AE, desired)
     distance = math.sqrt(off[0] * off[0] + off[1] * off[1] + off[2] * off[2])
     angle = math.sqrt(off[3] * off[3] + off[4] * off[4] + off[5] * off[5])
     patience = min(1.0, max(0.0, 2.0 - max(distance / patience_m, angle / patience_rad)))
+    if patience < 1.0:
+        apart = 0.0
+        for i in range(3):
+            apart += off[i] * twist[i] / (patience_m * patience_m) + off[i + 3] * twist[i + 3] / (patience_rad * patience_rad)
+        if apart < 0.0:
+            patience = 1.0
     ahead = desired_in_arm(T_RO, x_ahead, y_ahead, heading_ahead, base, moved(X_RE, patience * twist, dt))
     relative = body_twist(desired, ahead)
     deviation = gain * off

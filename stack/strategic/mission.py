@@ -76,6 +76,7 @@ class MissionInputs:
     X_RE: Matrix | None = None
     wrench: Vector | None = None
     grasped: bool | None = None
+    singularity_margin: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +197,7 @@ def _motion_inputs(state: MissionState, inputs: MissionInputs) -> MotionInputs:
         inputs.wrench,
         inputs.grasped,
         inputs.q,
+        inputs.singularity_margin,
     )
 
 

@@ -23,6 +23,7 @@ class MotionInputs:
     `t_s`: time since the motion began. `planner`: its state frame. `rotation_RE` (3, 3): the TCP's orientation as the planner had it when
     the step began. `X_RE` (4, 4): the TCP pose that the planner is after, now. `wrench` (6,) `[f; m]`: acts on the TCP from outside,
     end-point frame. `grasped`: whether the gripper holds something. `q` (n,): the arm's joints as the planner read them last.
+    `singularity_margin`: of the arm's kinematic singularities, 0 on one, at most 1 (see `stack.planner.monitor`).
     """
 
     t_s: float
@@ -32,6 +33,7 @@ class MotionInputs:
     wrench: Vector | None = None
     grasped: bool | None = None
     q: Vector | None = None
+    singularity_margin: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,7 @@ FILES = {
     "strategic.eds": TABLE[1],
     "force_sensor.eds": TABLE[31],
     "tracker.eds": TABLE[32],
+    "gripper.eds": TABLE[33],
 }
 CASES = pytest.mark.parametrize(("name", "device"), FILES.items(), ids=FILES)
 

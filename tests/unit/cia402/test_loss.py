@@ -51,6 +51,7 @@ def test_stops_within_three_periods_and_the_quick_stop_ramp(loss: Callable[[Mast
     loss(master)
     rig.run(3 * SYNC_NS + 11 * MS)  # the last set point came up to a period ago
     assert rig.plant.velocity[0] < 0.45  # brakes
+    rig.run(8 * SYNC_NS)
     states = {drive.state for drive in rig.drives.values()}
     assert states <= {State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED}
     rig.run(round(0.5 / 12.0 * 1e9) + 20 * MS)
@@ -64,7 +65,7 @@ def test_stops_within_three_periods_and_the_quick_stop_ramp(loss: Callable[[Mast
 def test_lost_set_points_are_told_as_8250_and_a_returning_master_resolves_it() -> None:
     rig, master = moving(JOINT)
     lose_rpdo(master)
-    rig.run(100 * MS)
+    rig.run(200 * MS)
     assert rig.sent(0x080 + JOINT) == [bytes.fromhex("5082110000000000")]
     assert struct.unpack("<H", master.read(JOINT, 0x603F)) == (0x8250,)
     master.sends_rpdo, master.follow, master.velocity = True, True, 0
@@ -86,7 +87,9 @@ def test_lost_sync_is_told_as_8700() -> None:
 def test_lost_heartbeat_stops_a_drive_that_still_gets_set_points() -> None:
     rig, master = moving(JOINT)
     master.sends_heartbeat = False
-    rig.run(500 * MS)
+    rig.run(900 * MS)
+    assert rig.drive.state is State.OPERATION_ENABLED  # its set points speak for it
+    rig.run(400 * MS)
     assert rig.sent(0x080 + JOINT)[0] == bytes.fromhex("3081110200000000")
     assert rig.drive.state is State.SWITCH_ON_DISABLED
     assert rig.sent(0x700 + JOINT)[-1] == b"\x7f"  # 1029h:1 = 0: pre-operational

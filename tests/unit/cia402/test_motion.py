@@ -102,13 +102,14 @@ def test_units_of_a_lift_are_micrometres_and_newtons() -> None:
 
 
 def test_wheel_follows_its_velocity_and_turns_on_past_32_bits() -> None:
-    rig, master = enabled(WHEEL)
+    rig = Rig(WHEEL)
+    rig.plant.position[0] = 2147.0  # after many turns; 6064h wraps at 2147.483 rad
+    master = Master(rig)
+    master.enable()
     master.move(2_000_000)
     rig.run(500 * MS)
     assert rig.plant.velocity[0] == pytest.approx(2.0, rel=0.01)
     assert master.read(WHEEL, 0x6061) == b"\x09"
-    rig.plant.position[0] += 4000.0  # many turns later: 6064h wraps
-    rig.run(100 * MS)
     _, position, _ = master.feedback[WHEEL]
     assert position == pytest.approx((rig.plant.position[0] - 4294.967296) * 1e6, abs=30_000)
     assert rig.drive.state is State.OPERATION_ENABLED

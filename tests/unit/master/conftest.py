@@ -42,6 +42,7 @@ class LinearPlant:
         self.velocity = np.zeros(COUNT)
         self.command = np.zeros(COUNT)
         self.engaged = np.ones(COUNT, dtype=np.bool_)
+        self._trembling = 1e-6
 
     def read(self, position: Vector, velocity: Vector) -> None:
         position[:] = self.position
@@ -57,6 +58,8 @@ class LinearPlant:
         self.velocity += (self.command - LOAD) * dt_s
         self.velocity[:WHEELS] = self.command[:WHEELS]
         self.velocity[self.engaged] = 0.0
+        self._trembling = -self._trembling
+        self.velocity[self.engaged] += self._trembling  # what a brake holds still gives, by the last bits of its encoder
         self.position += self.velocity * dt_s
 
 

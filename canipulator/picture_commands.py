@@ -1,4 +1,4 @@
-"""The command that draws manipulability maps."""
+"""Commands for pictures of what the robot can and does: manipulability maps, the report."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def map_command(kind: str, samples: int | None, out: Path | None) -> None:
         wrist = radius_map(arm, samples or RADIUS_SAMPLES)
         draw_radius_map(wrist, figure)
         best = int(np.nanargmax(wrist.manipulability))
-        where = f"at {wrist.radius[best]:.3f} m from the tower, φ = {wrist.phi[best]:.2f} rad, {wrist.height[best]:.3f} m"
+        where = (
+            f"at {wrist.radius[best]:.3f} m from the tower, φ = {wrist.phi[best]:.2f} rad, {wrist.height[best]:.3f} m"
+        )
         where += " above the shoulder"
         click.echo(f"best {wrist.manipulability[best]:.4f} {where}")
     else:
@@ -45,4 +47,24 @@ def map_command(kind: str, samples: int | None, out: Path | None) -> None:
     click.echo(figure)
 
 
-COMMANDS = (map_command,)
+@click.command("report")
+@click.argument("sets", nargs=-1, metavar="[SET]...")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default="report", show_default=True, help="Folder of page and runs."
+)
+@click.option("--jobs", type=click.IntRange(min=1), help="Runs at a time [default: one for each processor].")
+@click.option("--duration", type=float, help="Cut every run short after so many seconds.")
+def report_command(sets: tuple[str, ...], out: Path, jobs: int | None, duration: float | None) -> None:
+    """Run sets of sliding doors and write one HTML page about them, next to what the thesis says.
+
+    SETs: cases (four cases of preferences), coordination (abc, unified, arm only), cycles (arm cycles in a platform cycle), slip (0 to 5 %),
+    methods (pns, fsp, gradient, qp). All of them by default, 30 runs.
+    """
+    from canipulator.report import write_report
+
+    if duration is not None and not 0.0 < duration < float("inf"):
+        raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
+    click.echo(write_report(sets, out, jobs=jobs or 0, duration_s=duration, quiet=False))
+
+
+COMMANDS = (map_command, report_command)
