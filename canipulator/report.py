@@ -62,8 +62,8 @@ SETS: dict[str, RunSet] = {
     "cases": RunSet(
         "Four cases of preferences",
         "Chapter 4: without preferences (case 1) the arm is stretched out and its own manipulability falls; with preferences for the "
-        "first five joints and the platform's orientation (case 2) it stays, best overall. The ordering of cases 2 to 4 depends on the preferred "
-        "configuration, whose numbers are lost; ours is the robot's (config/robots/moma8/robot.toml), the same for all cases.",
+        "first five joints and the platform's orientation (case 2) it stays, best overall. The ordering of cases 2 to 4 depends on the "
+        "preferred configuration, whose numbers are lost; ours is the robot's (config/robots/moma8/robot.toml), the same for all cases.",
         tuple(Variant(f"case {case}", (f"planner.case={case}",)) for case in range(1, 5)),
         (_ARM, _ROBOT, _ERROR, _P99, _MOST),
         (Claim("case 1 stretches the arm more than case 2", "min_manipulability_arm", "case 1", "<", "case 2"),),

@@ -6,15 +6,17 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass
 
 from canipulator.maps import pose_map
+from canipulator.surroundings import surroundings
 from config.mission import build_mission
 from config.robot import Robot, planner_parameters
 from config.scenario import Scenario
 from drivers.bus.base import Bus
-from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
+from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, GRIPPER_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
 from drivers.cia402.bank import DriveBank
 from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.device import Drive
 from drivers.clock import Clock
+from drivers.gripper_node import GripperNode
 from drivers.planner_node import PlannerNode
 from drivers.sensor_node import ForceSensorNode, TrackerNode
 from drivers.strategic_node import StrategicNode
@@ -30,8 +32,7 @@ from stack.kinematics.platform import platform_of
 from stack.kinematics.posture import best_posture
 from stack.kinematics.proximity import BodyDistances
 from stack.kinematics.robot_file import robot_directory
-from stack.messages import TrackedPose, Vector
-from stack.messages import Matrix, Vector
+from stack.messages import Matrix, TrackedPose, Vector
 from stack.planner.planner import Planner
 from stack.strategic.point_to_point import Choose
 
@@ -49,18 +50,19 @@ class SimulatedRobot:
     bank: DriveBank
     drives: list[Drive]
     force_sensor: ForceSensorNode
+    gripper: GripperNode
     tracker: TrackerNode | None
     clock: Clock
     breakable: Breakable | None = None
     """What faults may be injected into; None in a scenario without any."""
 
-    def power_on(self) -> None:
-        """Boots every node and starts the physics."""
+    def power_on(self, *, sensors: bool = True) -> None:
+        """Boots every node, or the drives alone, and starts the physics."""
         for drive in self.drives:
             drive.power_on()
-        self.force_sensor.node.power_on()
-        if self.tracker is not None:
-            self.tracker.node.power_on()
+        for other in (self.force_sensor, self.gripper, self.tracker) if sensors else ():
+            if other is not None:
+                other.node.power_on()
         self._next_ns = (self.clock.now_ns() // TICK_NS + 1) * TICK_NS
         self.clock.call_at(self._next_ns, self._tick)
 
@@ -78,13 +80,15 @@ def simulated_robot(
     """The robot of the scenario at its start, nothing powered yet. `absent`: drives that somebody else brings to the bus."""
     platform = platform_of(robot.arm)
     start = scenario.start
+    around = surroundings(scenario)
     parameters = WorldParameters(
-        physics=PhysicsParameters(step_s=TICK_NS * 1e-9),
+        physics=PhysicsParameters(step_s=TICK_NS * 1e-9, gripper_touches=around.solid, links_touch=around.solid),
         wheels=WheelPlantParameters(
             bandwidth_hz=platform.wheel_bandwidth,
             dead_time_s=platform.wheel_dead_time,
             peak_torque=platform.wheel_peak_effort,
         ),
+        surroundings=around,
         slip=SlipParameters(sigma=scenario.slip.sigma, tau_s=scenario.slip.tau_s),
         home=tuple(start.configuration if start.configuration is not None else robot.arm.home),
         start=(start.x_m, start.y_m, start.heading_rad),
@@ -100,8 +104,9 @@ def simulated_robot(
     ]
     read = _force_reading(world) if parts is None else parts.force
     sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, read)
+    gripper = GripperNode(devices[GRIPPER_ID], clock, bus, world.surroundings.gripper)
     tracker = _tracker(robot, scenario, world, clock, bus, parts) if scenario.feedback.rate_hz > 0.0 else None
-    return SimulatedRobot(world, bank, drives, sensor, tracker, clock, parts)
+    return SimulatedRobot(world, bank, drives, sensor, gripper, tracker, clock, parts)
 
 
 def _force_reading(world: World) -> Callable[[], Vector]:
@@ -142,7 +147,7 @@ def planner_role(
 ) -> PlannerNode:
     """Node 2, nothing powered yet. `times`: how long it waits for its drives."""
     devices = robot.devices
-    others = [STRATEGIC_ID, FORCE_SENSOR_ID, TRACKER_ID]
+    others = [STRATEGIC_ID, FORCE_SENSOR_ID, TRACKER_ID, GRIPPER_ID]
     return PlannerNode(
         devices[PLANNER_ID],
         [devices[node_id] for node_id in DRIVE_IDS],
@@ -168,7 +173,7 @@ def sdo_gap_ns(scenario: Scenario) -> int:
     return round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.1))
 
 
-CYCLIC_FRAMES = 29
+CYCLIC_FRAMES = 30
 """Frames of one arm cycle, SYNC and what comes at lower rates included."""
 FRAME_BITS = 125
 

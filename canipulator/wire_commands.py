@@ -66,4 +66,38 @@ def _role_command(role: str) -> click.Command:
     return click.command(role, help=f"{_PURPOSE[role]} Ends with the mission, or with Ctrl-C (exit code 130).")(command)
 
 
-COMMANDS = tuple(_role_command(role) for role in _PURPOSE)
+@click.command("drives")
+@click.option("--bus", "bus_url", metavar="URL", help="interface:channel, e.g. socketcan:vcan0.")
+@click.option(
+    "--serve", type=int, metavar="PORT", help="Instead of --bus: a bus of its own, served on 127.0.0.1 (0: any port)."
+)
+@click.option("--nodes", default="11,12,21-28", show_default=True, metavar="IDS", help="Which of the ten drives.")
+@click.option(
+    "--scenario", default="hold-still", show_default=True, help="Where the robot stands: a name, or a TOML file."
+)
+@click.option("--duration", type=float, help="End after so many seconds.")
+def drives_command(bus_url: str | None, serve: int | None, nodes: str, scenario: str, duration: float | None) -> None:
+    """Only simulated drives, with their physics behind them: a test bench for your own CANopen master, until Ctrl-C.
+
+    The joints of drives that are not there stay braked. EDS files: config/bus.
+    """
+    from canipulator.drives import drives_on_wire, drives_served, node_ids
+    from canipulator.serving import ServedRun
+    from config.load import load_scenario
+    from config.scenario import Scenario
+
+    if (bus_url is None) == (serve is None):
+        raise ConfigError("drives: needs --bus URL or --serve PORT, one of the two")
+    if duration is not None and not 0.0 < duration < float("inf"):
+        raise ConfigError(f"--duration {duration:g}: must be a positive number of seconds")
+    loaded, ids = load_scenario(scenario), node_ids(nodes)
+    if not isinstance(loaded, Scenario):
+        raise ConfigError(f"drives: {loaded.name} is a kinematic scenario, it has no drives")
+    if bus_url is not None:
+        drives_on_wire(loaded, bus_url, ids, duration)
+    else:
+        assert serve is not None
+        drives_served(loaded, ServedRun(serve, allow_inject=True, pace=1.0), ids, duration)
+
+
+COMMANDS = (*(_role_command(role) for role in _PURPOSE), drives_command)

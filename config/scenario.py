@@ -14,6 +14,7 @@ from config.faults import FaultTable
 from config.guidance import DoorStepTable, GuidanceTable
 from config.platform_path import PlatformPathTable
 from config.reaching import GoalTable, Objective, PoseTable
+from config.surroundings import DoorTable, FurnitureTable, GripperTable, ObjectTable, PersonTable, WallTable
 from config.table import Finite, NotNegative, Positive, Table, Vector3
 
 Method = Literal["pns", "fsp", "gradient", "qp"]
@@ -192,6 +193,12 @@ class Scenario(Table):
     preferences: PreferenceTable = PreferenceTable()
     platform_path: PlatformPathTable | None = None
     cases: dict[Literal["1", "2", "3", "4"], PreferenceTable] = Field(default_factory=dict)
+    door: DoorTable | None = None
+    person: PersonTable | None = None
+    table: tuple[FurnitureTable, ...] = ()
+    wall: tuple[WallTable, ...] = ()
+    object: tuple[ObjectTable, ...] = ()
+    gripper: GripperTable = GripperTable()
     step: tuple[StepTable, ...]
     fault: tuple[FaultTable, ...] = ()
     expect: tuple[ExpectTable, ...] = ()

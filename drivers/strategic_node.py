@@ -29,6 +29,8 @@ from drivers.publisher import Publisher, receive
 from drivers.tables.planner import CONFIGURATION, TCP_ROTATION_VECTOR
 from stack.kinematics.se3 import rotation_exp
 from stack.messages import (
+    GripperPhase,
+    GripperState,
     JointReference,
     Matrix,
     MissionCommand,
@@ -45,6 +47,7 @@ STATE_TIMEOUT_NS = 200_000_000
 REFERENCE_TIMEOUT_NS = 100_000_000
 WRENCH_TIMEOUT_NS = 50_000_000
 GRIPPER_TIMEOUT_NS = 200_000_000
+SDO_TIMEOUT_NS = 100_000_000
 SDO_ATTEMPTS = 8
 OnEvent = Callable[[str], None]
 
@@ -76,7 +79,7 @@ class StrategicNode(NodeApplication):
         self._gripper = receive(self.node, GRIPPER_STATE)
         self._types = {entry.key: entry.data_type for entry in planner.objects}
         self._sequencer = Sequencer(clock)
-        self._client = SdoClient(planner.node_id, self.node.line.send, clock, attempts=SDO_ATTEMPTS)
+        self._client = SdoClient(planner.node_id, self.node.line.send, clock, SDO_TIMEOUT_NS, SDO_ATTEMPTS)
         self.node.subscribe(RESPONSE_BASE + planner.node_id, self._on_response)
 
     @property

@@ -80,7 +80,7 @@ class SignalDecoder:
             signals["sync"] = Signal(sync_ns, np.arange(first, self._cycle + 1, dtype=np.float64))
             rows = cycles - first
             self._drives(batch, rows, sync_ns, signals)
-            self._reference(batch, rows, sync_ns, first, signals, counts)
+            self._reference(batch, rows, sync_ns, signals, counts)
         self._plain_frames(batch, signals, counts)
         self._load(frames, batch, signals)
         _truth(block.truths, signals)
@@ -149,7 +149,6 @@ class SignalDecoder:
         batch: FrameBatch,
         rows: Ints,
         sync_ns: Ints,
-        first: int,
         signals: dict[str, Signal],
         counts: dict[str, int],
     ) -> None:
@@ -172,7 +171,9 @@ class SignalDecoder:
         found = np.flatnonzero(whole)
         if not len(found):
             return
-        due_ns = sync_ns[found] + (2 + self._lag(found + first, z[found, 2].astype(np.int64))) * self._period_ns
+        # numbered by their time, not one by one: a SYNC that got lost has its number all the same
+        cycles = np.rint(sync_ns[found] / self._period_ns).astype(np.int64)
+        due_ns = sync_ns[found] + (2 + self._lag(cycles, z[found, 2].astype(np.int64))) * self._period_ns
         valid = z[found, 1] > 0
         rises = valid & ~np.append(self._was_valid, valid[:-1])
         segment = self._segment + np.cumsum(rises)

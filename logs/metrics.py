@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from logs.expectations import Expectation, Verdict, judge
 from logs.path_metrics import acceleration_steps, driven_distances, largest_distance_to_curve, platform_path_deviation
 from logs.signals import Signal, SignalTable
+from logs.steady import steady_rows
 from stack.kinematics import ArmModel
 from stack.planner.platform_path import RelativePath
 
@@ -70,7 +71,8 @@ class Metrics:
     """As in metrics.json; None (null) where there was nothing to measure.
 
     TCP error: distance between the commanded path and the true TCP at the time that each reference is meant for, over all
-    cycles with a valid reference; `lateral` leaves out the part along the path. `reference_segments`: how often references
+    cycles with a valid reference; `lateral` leaves out the part along the path,
+    `steady` all but steady motion (`logs.steady`). `reference_segments`: how often references
     became valid; each time the reference frame is placed anew. Manipulability (of the TCP's 6 rows, and of the wrist
     centre's 3) is sampled at 20 Hz. `bus_load_*`: per 100 ms. `joint_travel`: last minus first position.
     `tcp_path_error_max_m`, `platform_…`, `joint_acceleration_step_max` (while references are valid): see `logs.path_metrics`.
@@ -91,6 +93,8 @@ class Metrics:
     tcp_error_p99_m: float | None
     tcp_error_max_m: float | None
     tcp_error_final_m: float | None
+    tcp_error_steady_rms_m: float | None
+    tcp_error_steady_p99_m: float | None
     tcp_lateral_error_rms_m: float | None
     tcp_lateral_error_max_m: float | None
     tcp_orientation_error_max_rad: float | None
@@ -160,6 +164,8 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
     off_path, off_tangent = platform_path_deviation(pose_WB, table.get("mission"), facts.platform_path)
     judged_ns = None if error is None else (int(error.t_ns[0]), int(error.t_ns[-1]))
     distance, lateral, rotation = error.values.T if error is not None else (np.empty(0),) * 3
+    commanded = table.get("tcp/commanded")
+    steady = distance[steady_rows(commanded)] if commanded is not None and len(commanded) == len(distance) else ()
     return Metrics(
         scenario=facts.scenario,
         seed=facts.seed,
@@ -176,6 +182,8 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
         tcp_error_p99_m=_percentile(distance, 99),
         tcp_error_max_m=_largest(distance),
         tcp_error_final_m=float(distance[-1]) if len(distance) else None,
+        tcp_error_steady_rms_m=_rms(steady),
+        tcp_error_steady_p99_m=_percentile(steady, 99),
         tcp_lateral_error_rms_m=_rms(lateral),
         tcp_lateral_error_max_m=_largest(lateral),
         tcp_orientation_error_max_rad=_largest(rotation),

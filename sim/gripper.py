@@ -22,7 +22,9 @@ class GripperParameters:
 
     def __post_init__(self) -> None:
         if not (self.closing_s >= 0.0 and self.reach > 0.0):
-            raise ValueError(f"gripper: closing_s = {self.closing_s} must not be negative, reach = {self.reach} positive")
+            raise ValueError(
+                f"gripper: closing_s = {self.closing_s} must not be negative, reach = {self.reach} positive"
+            )
 
 
 class GripperHand:

@@ -86,7 +86,9 @@ class ObjectParameters:
 
     def __post_init__(self) -> None:
         if min(self.size) <= 0.0 or self.mass <= 0.0 or self.friction < 0.0:
-            raise ValueError(f"object {self.name}: size {self.size}, mass {self.mass} must be positive, friction too or 0")
+            raise ValueError(
+                f"object {self.name}: size {self.size}, mass {self.mass} must be positive, friction too or 0"
+            )
         if self.shape not in (ObjectShape.BOX, ObjectShape.CYLINDER):
             raise ValueError(f"object {self.name}: shape = {self.shape!r}: must be 'box' or 'cylinder'")
 
@@ -158,9 +160,7 @@ class Object:
             angularDamping=0.0,
             physicsClientId=client,
         )
-        p.setCollisionFilterGroupMask(
-            self.body, -1, OBJECTS, OBSTACLES | ARM | FLOOR | OBJECTS, physicsClientId=client
-        )
+        p.setCollisionFilterGroupMask(self.body, -1, OBJECTS, OBSTACLES | ARM | FLOOR | OBJECTS, physicsClientId=client)
         self.grasp_point = GraspPoint(
             parameters.name,
             self.body,

@@ -1,6 +1,6 @@
 """A person who takes the gripper by the hand and leads it: a spring and damper to a hand that goes its own way.
 
-    f = K (x_hand - x_TCP) + D (v_hand - v_TCP),   ‖f‖ no more than the person's strength
+f = K (x_hand - x_TCP) + D (v_hand - v_TCP),   ‖f‖ no more than the person's strength
 """
 
 from __future__ import annotations

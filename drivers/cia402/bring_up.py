@@ -28,7 +28,7 @@ class MasterTimes:
     boot_report_ns: int = 1_000_000_000
     transition_ns: int = 500_000_000
     stop_ns: int = 5_000_000_000
-    sdo_ns: int = 200_000_000
+    sdo_ns: int = 100_000_000
     sdo_attempts: int = 8
     late_syncs: int = 10
     standstill: float = 5e-3

@@ -31,6 +31,8 @@ from stack.messages import DriveFeedback, Vector
 
 EMCY_BASE = 0x080
 EVENT_LOG_LENGTH = 1000
+STALE_SYNCS = 3
+"""SYNCs without an answer after which what an axis said last is not passed on any more."""
 POWERED = (AxisPhase.ENABLED, AxisPhase.ENABLING, AxisPhase.STOPPED, AxisPhase.STOPPING)
 
 
@@ -70,7 +72,7 @@ class DriveMaster:
         self._clock = clock
         self._on_event = on_event
         self._sequencer = Sequencer(clock)
-        timeout_ns = self.times.late_syncs * self.settings.sync_period_ns + self.settings.sync_period_ns // 2
+        timeout_ns = STALE_SYNCS * self.settings.sync_period_ns + self.settings.sync_period_ns // 2
         self.axes = tuple(AxisClient(device, timeout_ns) for device in devices)
         self._leads = {axis.node_id: _Lead(axis, self._client(axis)) for axis in self.axes}
         if len(self._leads) != len(self.axes):

@@ -196,8 +196,11 @@ class Planner:
             due = unified or parameters.platform_cycle_due(state.cycle)
             platform = PlatformCommand(state.rate)
             if due:
-                wanted = command.twist + deviation if unified else command.twist
-                path, arm, platform = self._whole_robot(state, model, wanted, command.slow, fade, parameters, standing)
+                # A platform that drove on while the path waits for the arm would tear the arm along.
+                wanted, slow = patience * command.twist, patience * command.slow
+                if unified:
+                    wanted += deviation
+                path, arm, platform = self._whole_robot(state, model, wanted, slow, fade, parameters, standing)
         if arm is None or not unified:
             arm = self.coordinator.arm_cycle(model, following, state.dq, fade, parameters, standing)
         if patience < 1.0:

@@ -20,15 +20,17 @@ from stack.strategic.motion import CYCLE_S, MotionInputs, MotionOutputs
 
 
 def _law() -> Admittance:
-    """Along the door, across it in its plane of motion, along its axis. The handle is stiff, so mass and damping are large."""
+    """In the door's axes: along its way, across it from the hinge, up its axis. Stiff along, soft across; light against torques, so that a
+    hand that cannot turn in the handle turns with it."""
     return Admittance(
-        mass=np.array([60.0, 15.0, 15.0, 1.0, 1.0, 1.0]),
-        damping=np.array([400.0, 150.0, 150.0, 1.0, 1.0, 1.0]),
+        mass=np.array([60.0, 15.0, 15.0, 0.5, 0.5, 0.5]),
+        damping=np.array([400.0, 150.0, 150.0, 4.0, 4.0, 4.0]),
         lead_s=0.06,
         dead_band=Pair(0.3, 0.05),
         saturation=Pair(100.0, 6.0),
         speed=Pair(0.3, 1.0),
-        acceleration=Pair(1.0, 6.0),
+        acceleration=Pair(1.0, 3.0),
+        guided=np.ones(6),
     )
 
 
@@ -118,12 +120,12 @@ class PullDoor:
         wrench = inputs.wrench
         if self.law.tool is not None:
             wrench = without_weight(wrench, self.law.tool, rotation)
-        force = rotation @ wrench[:3]
-        handle = inputs.X_RE[:3, 3] + self.pull.compliance * force
+        wrench = np.concatenate([rotation @ wrench[:3], rotation @ wrench[3:]])
+        handle = inputs.X_RE[:3, 3] + self.pull.compliance * wrench[:3]
         state = self._believe(replace(state, deaf_s=0.0), handle)
         if state.angle >= abs(self.pull.angle) - ANGLE_TOLERANCE:
             return state, MotionOutputs(done=True, event=_summary(state))
-        return self._go_on(state, force, handle, rotation, inputs.planner.path_scale)
+        return self._go_on(state, wrench, handle, rotation, inputs.planner.path_scale)
 
     def _believe(self, state: DoorState, handle: Vector) -> DoorState:
         """Identification, angle and progress with the handle at `handle` (3,)."""
@@ -140,29 +142,30 @@ class PullDoor:
         )
 
     def _go_on(
-        self, state: DoorState, force: Vector, handle: Vector, rotation: Matrix, scale: float
+        self, state: DoorState, wrench: Vector, handle: Vector, rotation: Matrix, scale: float
     ) -> tuple[DoorState, MotionOutputs]:
-        """The next twist; `force` (3,) and `handle` (3,) in the reference frame, `rotation` (3, 3) of the hand."""
+        """The next twist; `wrench` (6,) and `handle` (3,) in the reference frame, `rotation` (3, 3) of the hand."""
         hinge, pull = state.identification.hinge, self.pull
         outward = hinge.outward(handle)
         along = np.sign(pull.angle) * hinge.tangent(handle)
         door = np.column_stack([along, outward, hinge.axis])
-        felt = np.concatenate([door.T @ force, np.zeros(3)])
+        felt = np.concatenate([door.T @ wrench[:3], door.T @ wrench[3:]])
         across = float(np.hypot(felt[1], felt[2]))
-        if state.waiting_s > pull.patience_s or float(np.linalg.norm(force)) > pull.force_limit_n:
+        if state.waiting_s > pull.patience_s or float(np.linalg.norm(felt[:3])) > pull.force_limit_n:
             said = f"{felt[0]:.0f} N along and {across:.0f} N across the handle"
             return state, MotionOutputs(
                 failure=f"the door is stuck at {np.degrees(state.angle):.1f} degrees with {said}"
             )
         speed = self._speed(state, across)
-        wanted = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+        turning = pull.follow * np.sign(pull.angle) * speed / hinge.radius
+        wanted = np.array([speed, 0.0, 0.0, 0.0, 0.0, turning])
         law = replace(self.law, tool=None)
         mass, twist = admit(law, state.admittance, felt, np.eye(3), scale, CYCLE_S, wanted)
-        turning = pull.follow * np.sign(pull.angle) * (twist[0] / hinge.radius) * hinge.axis
         state = replace(
             state, admittance=mass, speed=speed, across=max(state.across, across) if state.known else state.across
         )
-        return state, MotionOutputs(np.concatenate([rotation.T @ (door @ twist[:3]), rotation.T @ turning]))
+        back = rotation.T @ door
+        return state, MotionOutputs(np.concatenate([back @ twist[:3], back @ twist[3:]]))
 
     def _speed(self, state: DoorState, across: float) -> float:
         """The handle's speed for the coming cycle: slower where little is known, where it strains, and towards the end."""

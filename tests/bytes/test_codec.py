@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.catalogue import devices
 from drivers.checksum import crc8_j1850
 from drivers.codec import (
+    GRIPPER_STATE,
     JOINT_REFERENCE,
     MESSAGES,
     MISSION,
@@ -27,6 +28,8 @@ from drivers.codec import (
 from drivers.frame_codec import CodecError, InvalidValueError, UnknownFrameError, WrongChecksumError, WrongLengthError
 from stack.messages import (
     Gripper,
+    GripperPhase,
+    GripperState,
     JointReference,
     MissionCommand,
     Mode,
@@ -97,6 +100,7 @@ LAYOUTS = [
             (0x3A0, struct.pack("<hhhB", 1000, 2000, 3000, 3)),
         ],
     ),
+    (GRIPPER_STATE, GripperState(GripperPhase.HOLDING, 7), [(0x1A1, b"\x02" + bytes(5) + b"\x07")]),
 ]
 NAMES = [codec.message_type.__name__ for codec, _, _ in LAYOUTS]
 
@@ -235,5 +239,5 @@ def test_a_tracker_that_sees_nothing_gives_no_pose():
 
 def test_every_fast_frame_of_the_catalogue_has_a_codec():
     table = devices()
-    fast = {pdo.cob_id for node_id in (1, 2, 31, 32) for pdo in table[node_id].pdos}
+    fast = {pdo.cob_id for node_id in (1, 2, 31, 32, 33) for pdo in table[node_id].pdos}
     assert set(Decoder(MESSAGES).can_ids) == fast

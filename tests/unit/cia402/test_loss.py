@@ -115,7 +115,7 @@ def test_loss_as_fault_needs_a_fault_reset_and_says_why() -> None:
 def test_fault_by_lost_heartbeat_cannot_be_reset_before_the_heartbeat_is_back() -> None:
     rig, master = moving(JOINT, defaults={(0x6007, 0): 1, (0x1029, 1): 1})
     master.sends_heartbeat = False
-    rig.run(600 * MS)
+    rig.run(1300 * MS)
     assert rig.drive.state is State.FAULT
     master.command(0x00)
     master.command(0x80)

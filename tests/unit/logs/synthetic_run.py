@@ -14,7 +14,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.catalogue import JOINT_IDS, WHEEL_IDS, devices
-from drivers.codec import MISSION, PLANNER_STATE, REFERENCE, SINGULARITY, TRACKED_POSE, TWIST, WRENCH, ReferencePose
+from drivers.codec import (
+    MISSION,
+    PLANNER_STATE,
+    REFERENCE,
+    SINGULARITY,
+    SLIP,
+    TRACKED_POSE,
+    TWIST,
+    WRENCH,
+    ReferencePose,
+)
 from drivers.drive_codec import DriveCodec
 from drivers.frame import Frame
 from stack.kinematics import ArmModel, extended_jacobian
@@ -28,6 +38,7 @@ from stack.messages import (
     Restriction,
     SingularityKind,
     SingularityReport,
+    SlipReport,
     TrackedPose,
     Truth,
     TwistCommand,
@@ -143,6 +154,7 @@ class Wire:
         if k % 5 == 0:
             kind = SingularityKind.SEMI if k % 700 > 600 else SingularityKind.NONE
             yield from SINGULARITY.encode(SingularityReport(kind, 5, (0.5, 0.25, 0.05, 1.0), k % 256))[0]
+            yield from SLIP.encode(SlipReport((0.01, -0.02), k % 256, 0, k % 256))[0]
         commanded = truth.pose_WE.copy()
         commanded[:3, 3] -= self._run.error[min(k + 2, len(self._run.truths) - 1)]
         in_R = self._world_to_R @ commanded

@@ -44,13 +44,13 @@ def distances(path: PlatformPath, poses: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("method", list(Method))
-@pytest.mark.parametrize("radius", [0.6, -0.6])
+@pytest.mark.parametrize("radius", [0.6, -2.0])
 def test_forwards_and_backwards_on_a_circle(method: Method, radius: float) -> None:
     loop, circle = Loop(bound(CirclePath(radius), method=method)), CirclePath(radius)
     first, there = pull(loop, (0.1, 0.0, 0.0), 5.0)
     second, back = pull(loop, (-0.1, 0.0, 0.0), 5.0)
     assert max(first.max(), second.max()) < 0.5
-    assert there[-1][2] / math.copysign(1.0, radius) > 0.3, "it did not drive forwards"
+    assert there[-1][2] * radius > 0.1, "it did not drive forwards"
     assert abs(back[-1][2]) < 0.6 * abs(there[-1][2]), "it did not drive backwards"
     poses = np.vstack((there, back))
     assert distances(circle, poses).max() < 1e-3
@@ -64,13 +64,13 @@ def test_every_coordination_keeps_to_the_path_and_only_arm_only_stays_behind(coo
     loop, path = Loop(bound(SplinePath([(0.4, 0.05), (0.9, 0.0)]), coordination)), SplinePath([(0.4, 0.05), (0.9, 0.0)])
     _, poses = pull(loop, (0.1, 0.0, 0.0), 3.0)
     assert distances(path, poses).max() < 2e-3
-    assert (poses[-1][0] > 0.1) == (coordination is not Coordination.ARM_ONLY)
+    assert (poses[-1][0] > 0.05) == (coordination is not Coordination.ARM_ONLY)
 
 
 def test_at_the_end_of_a_line_the_platform_stops_and_the_arm_goes_on() -> None:
     loop = Loop(bound(LinePath(-1.0, 0.25)))
     start = loop.tcp()[:3, 3].copy()
-    errors, poses = pull(loop, (0.1, 0.0, 0.0), 4.6)
+    errors, poses = pull(loop, (0.1, 0.0, 0.0), 5.6)
     rest, stays = pull(loop, (0.0, 0.0, 0.0), 2.0)
     assert loop.tcp()[0, 3] - start[0] == pytest.approx(0.36, abs=2e-3)
     assert max(errors.max(), rest.max()) < 1.0

@@ -68,7 +68,8 @@ def test_following_the_path_is_the_motion_between_what_is_desired_now_and_then(
     np.testing.assert_allclose(deviation, 20.0 * off)
     np.testing.assert_allclose(wanted - deviation, body_twist(now, then) / dt, atol=1e-9)
     worst = max(np.linalg.norm(off[:3]) / 0.005, np.linalg.norm(off[3:]) / 0.01)
-    assert patience == pytest.approx(min(1.0, max(0.0, 2.0 - worst)))
+    comes_back = off[:3] @ twist[:3] / 0.005**2 + off[3:] @ twist[3:] / 0.01**2 < 0.0
+    assert patience == pytest.approx(1.0 if comes_back else min(1.0, max(0.0, 2.0 - worst)))
 
 
 def test_patience_ends_between_one_and_two_tolerances() -> None:
@@ -78,3 +79,15 @@ def test_patience_ends_between_one_and_two_tolerances() -> None:
         return follow_path(np.eye(4), np.eye(4), off, *still, np.zeros(3), np.zeros(6), 20.0, 0.005, 0.01, 0.01)[2]
 
     assert [patience(off_m) for off_m in (0.0, 0.005, 0.0075, 0.01, 1.0)] == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+
+
+def test_a_path_that_has_stopped_ahead_of_the_arm_comes_back_at_full_speed() -> None:
+    ahead = pose_exp(np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    still = (0.0,) * 6
+
+    def patience(speed: float) -> float:
+        twist = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+        return follow_path(np.eye(4), np.eye(4), ahead, *still, np.zeros(3), twist, 20.0, 0.005, 0.01, 0.01)[2]
+
+    assert patience(0.1) == 0.0
+    assert patience(-0.1) == 1.0

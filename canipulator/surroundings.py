@@ -1,0 +1,93 @@
+"""What a scenario says of the robot's surroundings, as the simulation wants it."""
+
+from __future__ import annotations
+
+from config.scenario import Scenario
+from config.surroundings import (
+    DOOR_DEFAULTS,
+    DoorTable,
+    FurnitureTable,
+    GripperTable,
+    ObjectTable,
+    PersonTable,
+    WallTable,
+)
+from sim.doors import DoorKind, DoorParameters, HandleGrasp
+from sim.grasping import PadParameters
+from sim.gripper import GripperParameters
+from sim.obstacles import ObjectParameters, Obstacle
+from sim.person import HandPath, PersonParameters, Wandering, Waypoints
+from sim.surroundings import SurroundingsParameters
+
+
+def surroundings(scenario: Scenario) -> SurroundingsParameters:
+    """Everything around the robot of `scenario`."""
+    return SurroundingsParameters(
+        gripper=_gripper(scenario.gripper),
+        door=None if scenario.door is None else _door(scenario.door),
+        person=None if scenario.person is None else _person(scenario.person, scenario.seed),
+        obstacles=(*map(_table, scenario.table), *map(_wall, scenario.wall)),
+        objects=tuple(map(_object, scenario.object)),
+    )
+
+
+def _door(table: DoorTable) -> DoorParameters:
+    default = DOOR_DEFAULTS[table.kind]
+
+    def value(name: str) -> float:
+        given: float | None = getattr(table, name)
+        return default[name] if given is None else given
+
+    hinged = table.kind == "hinged"
+    return DoorParameters(
+        DoorKind(table.kind),
+        handle=table.handle_m,
+        heading=table.heading_rad,
+        side=1 if hinged == (table.side == "right") else -1,
+        across=value("radius_m") if hinged else value("width_m"),
+        height=table.height_m,
+        thickness=table.thickness_m,
+        mass=value("mass_kg"),
+        travel=value("travel"),
+        start=table.start,
+        friction=value("friction"),
+        damping=value("damping"),
+        closer_stiffness=table.closer_stiffness,
+        closer_preload=table.closer_preload,
+        catch=table.catch,
+        catch_width=table.catch_width,
+        standoff=table.standoff_m,
+        bar_length=table.bar_length_m,
+        grasp=HandleGrasp(table.grasp),
+    )
+
+
+def _person(table: PersonTable, seed: int) -> PersonParameters:
+    path: HandPath
+    if table.waypoints is not None:
+        path = Waypoints([row[0] for row in table.waypoints], [row[1:] for row in table.waypoints])
+    else:
+        assert table.wander is not None
+        path = Wandering(seed, table.wander.box_m, table.wander.speed_m_s, table.wander.duration_s)
+    return PersonParameters(
+        path, table.stiffness_n_m, table.damping_n_s_m, table.strength_n, table.grips_s, table.lets_go_s
+    )
+
+
+def _table(table: FurnitureTable) -> Obstacle:
+    return Obstacle.table(table.name, table.size_m, table.position_m, table.heading_rad, table.top_m)
+
+
+def _wall(table: WallTable) -> Obstacle:
+    return Obstacle.wall(table.name, table.size_m, table.position_m, table.heading_rad)
+
+
+def _object(table: ObjectTable) -> ObjectParameters:
+    return ObjectParameters(
+        table.name, table.shape, table.size_m, table.position_m, table.heading_rad, table.mass_kg, table.friction
+    )
+
+
+def _gripper(table: GripperTable) -> GripperParameters:
+    pads = PadParameters(table.stiffness_n_m, table.turning_stiffness_nm_rad, strength=table.strength_n)
+    return GripperParameters(table.closing_s, table.reach_m, pads)
