@@ -82,6 +82,17 @@ def list_scenarios() -> None:
     help="With --bus URL: planner, strategic or drives (21,22) that somebody else brings; repeatable.",
 )
 @click.option("--no-rerun", is_flag=True, help="No Rerun recording (bus.log and metrics are written all the same).")
+@click.option(
+    "--record",
+    type=click.Choice(["minimal", "full"]),
+    help="How much the recording holds; minimal: robot, paths, error, platform, joints, states, events [default: full].",
+)
+@click.option("--view", is_flag=True, help="Shows the run in a Rerun viewer while it goes on (one that is open, or its own).")
+@click.option(
+    "--dashboard/--no-dashboard",
+    default=None,
+    help="Drives, cycle, load, error and events in the terminal [default: in real time, where stderr is a terminal].",
+)
 @click.option("--json", "as_json", is_flag=True, help="The metrics on stdout, nothing else.")
 @serve_options
 def run(
@@ -96,6 +107,9 @@ def run(
     bus_url: str,
     external: tuple[str, ...],
     no_rerun: bool,
+    record: str | None,
+    view: bool,
+    dashboard: bool | None,
     as_json: bool,
     serve: int | None,
     allow_inject: bool,
@@ -108,6 +122,8 @@ def run(
     from canipulator.outcome import RunOptions
     from config.load import load_scenario
     from config.scenario import Scenario
+    from logs.detail import Detail
+    from logs.viewer import live_viewer
 
     on_wire = bus_url != "lockstep"
     if external and not on_wire:
@@ -124,7 +140,18 @@ def run(
     if serve is not None and not isinstance(loaded, Scenario):
         raise ConfigError(f"--serve: {loaded.name} is a kinematic scenario, it has no bus")
     served = served_run(serve, allow_inject, None if on_wire else pace)
-    options = RunOptions(out=out, duration_s=duration, record=not no_rerun, quiet=as_json, served=served)
+    if no_rerun and (record is not None or view):
+        raise ConfigError(f"--no-rerun: not together with {'--view' if view else '--record'}")
+    options = RunOptions(
+        out=out,
+        duration_s=duration,
+        record=not no_rerun,
+        detail=Detail(record or "full"),
+        viewer=live_viewer() if view else None,
+        quiet=as_json,
+        served=served,
+        dashboard=dashboard,
+    )
     if on_wire:
         from canipulator.realtime import run_on_wire
         from canipulator.wire import Wire, external_parts

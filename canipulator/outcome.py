@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from config.errors import ConfigError
 from config.scenario import ExpectTable
+from logs.detail import Detail
 from logs.expectations import Expectation
 from logs.metrics import Metrics
 from logs.summary import summary
@@ -28,14 +29,19 @@ OK, EXPECTATION_MISSED, INTERRUPTED = 0, 1, 130
 class RunOptions:
     """How to run, beside what the scenario says. `duration_s` cuts it short and leaves the expectations unjudged.
 
+    `record`: whether there is a recording, `detail`: how much is in it, `viewer`: address of one that shows it while the run goes on.
+    `dashboard`: in the terminal while the run goes on; None: in real time, where there is a terminal.
     `served`: the run's bus is open to CAN tools, and virtual time keeps to real time.
     """
 
     out: Path | None = None
     duration_s: float | None = None
     record: bool = True
+    detail: Detail = Detail.FULL
+    viewer: str | None = None
     quiet: bool = False
     served: ServedRun | None = None
+    dashboard: bool | None = None
 
 
 @dataclass(frozen=True)

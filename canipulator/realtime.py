@@ -9,6 +9,7 @@ import contextlib
 import signal
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
@@ -35,6 +36,7 @@ from drivers.planner_node import PlannerNode
 from drivers.realtime_clock import CATCH_UP_NS, RealTimeClock
 from drivers.strategic_node import StrategicNode
 from logs.bus_log import BusLogWriter
+from logs.columns import WallClock
 from logs.events import Event, EventLog, Level
 from logs.run_log import RunLog
 from logs.tape import SYNC_ID
@@ -116,6 +118,7 @@ class WireRun:
         self.failure: str | None = None
         self.first: Truth | None = None
         self.last: Truth | None = None
+        self._timed_cycles = 0
         self.elapsed_s = 0.0
         self.sim: SimulatedRobot | None = None
         self.planner: PlannerNode | None = None
@@ -152,15 +155,22 @@ class WireRun:
         return RunLog(
             self.robot.devices.values(),
             scenario.robot,
-            run_info(scenario),
+            replace(run_info(scenario), wall_clock=self._wall_clock()),
             sync_period_ns=self.period_ns,
             bitrate=scenario.bus.bitrate,
             platform_ratio=self.platform_ratio,
             world_reference=scenario.feedback.rate_hz > 0.0,
             recording=self.directory / "run.rrd" if self.options.record else None,
             event_log=self.directory / "events.log",
-            postpone=True,
+            detail=self.options.detail,
+            viewer=self.options.viewer,
+            wait=False,
+            postpone=self.options.viewer is None,
         )
+
+    def _wall_clock(self) -> WallClock:
+        """Unix time at time 0 of the run."""
+        return WallClock(time.time_ns() - round(self.bus.now_ns() / self.wire.pace), self.wire.pace)
 
     def __enter__(self) -> WireRun:
         return self
@@ -273,6 +283,14 @@ class WireRun:
         self.first = self.first or truth
         self.last = truth
         self.log.on_truth(truth)
+        self._note_computing(truth.t_ns - self.period_ns)
+
+    def _note_computing(self, t_ns: int) -> None:
+        """How long the planner of this process took in the cycle that began at `t_ns`, if it has computed one since the last call."""
+        cycle_ns = [] if self.planner is None else self.planner.cycle_ns
+        if self.log is not None and len(cycle_ns) > self._timed_cycles:
+            self._timed_cycles = len(cycle_ns)
+            self.log.on_timing(t_ns, cycle_ns[-1])
 
     def _fail(self, why: str) -> None:
         self.failure = why

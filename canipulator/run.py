@@ -26,6 +26,7 @@ from canipulator.outcome import (
     show,
 )
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
+from canipulator.surroundings import around
 from canipulator.warm_up import warm_up
 from config.errors import ConfigError
 from config.load import dump_scenario
@@ -39,7 +40,7 @@ from logs.bus_log import BusLogWriter
 from logs.events import Level
 from logs.metrics import Metrics, RunFacts, evaluate
 from logs.recorder import RunInfo
-from logs.run_log import RunLog
+from logs.run_log import BLOCK_NS, RunLog
 from logs.signals import SignalTable
 from stack.messages import Truth
 from stack.strategic.mission import Stage
@@ -47,6 +48,8 @@ from stack.strategic.mission import Stage
 SETTLE_NS = 300_000_000
 """How long a run goes on after its mission has ended: the planner comes to rest and switches the drives off."""
 CHUNK_NS = 100_000_000
+LOCKSTEP_BLOCK_NS = 4_000_000_000
+"""The run stands still while a block is written, about 50 ms; fewer and larger ones cost less."""
 
 
 def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:
@@ -83,6 +86,7 @@ class LockstepRun:
         self.finished_ns: int | None = None
         self.first: Truth | None = None
         self.last: Truth | None = None
+        self._timed_cycles = 0
         self.bus_log = BusLogWriter(directory / "bus.log", clock=self.clock, on_error=self._on_log_error)
         self.log = RunLog(
             robot.devices.values(),
@@ -94,6 +98,9 @@ class LockstepRun:
             world_reference=scenario.feedback.rate_hz > 0.0,
             recording=directory / "run.rrd" if options.record else None,
             event_log=directory / "events.log",
+            detail=options.detail,
+            viewer=options.viewer,
+            block_ns=BLOCK_NS if options.viewer is not None or options.served is not None else LOCKSTEP_BLOCK_NS,
         )
         self.bus.observe(self.bus_log)
         self.bus.observe(self.log.on_frame)
@@ -187,7 +194,15 @@ class LockstepRun:
         self.first = self.first or truth
         self.last = truth
         self.log.on_truth(truth)
+        self._note_computing(now_ns - self.period_ns)
         self.clock.call_at(now_ns + self.period_ns, self._sample, priority=5)
+
+    def _note_computing(self, t_ns: int) -> None:
+        """How long the planner took in the cycle that began at `t_ns`, if it has computed one since the last call."""
+        cycle_ns = self.planner.cycle_ns
+        if len(cycle_ns) > self._timed_cycles:
+            self._timed_cycles = len(cycle_ns)
+            self.log.on_timing(t_ns, cycle_ns[-1])
 
     def _time_physics(self) -> None:
         """A stop watch around the bare physics step: what `physics_only_real_time_factor` is made of."""
@@ -234,7 +249,9 @@ class LockstepRun:
             faults=(*bus_full, *self.faults),
             recorder_fault=self.log.recorder_fault,
             dropped_blocks=self.log.dropped_blocks,
+            recording_bytes=self.log.recording_bytes,
             extra=self._own_metrics(),
+            door=None if scenario.door is None else scenario.door.kind,
             platform_path=None if scenario.platform_path is None else scenario.platform_path.build(),
         )
         metrics = evaluate(self.log.table, self.robot.arm, facts)
@@ -275,6 +292,7 @@ def run_info(scenario: Scenario) -> RunInfo:
         scenario.planner.coordination,
         revision(),
         flat(scenario.model_dump(mode="json", exclude_none=True)),
+        around(scenario),
     )
 
 

@@ -1,6 +1,8 @@
-"""What a scenario says of the robot's surroundings, as the simulation wants it."""
+"""What a scenario says of the robot's surroundings, as the simulation and the recording want it."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 from config.scenario import Scenario
 from config.surroundings import (
@@ -12,10 +14,12 @@ from config.surroundings import (
     PersonTable,
     WallTable,
 )
+from logs import palette
+from logs.around import Around, Body, Part
 from sim.doors import DoorKind, DoorParameters, HandleGrasp
 from sim.grasping import PadParameters
 from sim.gripper import GripperParameters
-from sim.obstacles import ObjectParameters, Obstacle
+from sim.obstacles import ObjectParameters, ObjectShape, Obstacle
 from sim.person import HandPath, PersonParameters, Wandering, Waypoints
 from sim.surroundings import SurroundingsParameters
 
@@ -29,6 +33,35 @@ def surroundings(scenario: Scenario) -> SurroundingsParameters:
         obstacles=(*map(_table, scenario.table), *map(_wall, scenario.wall)),
         objects=tuple(map(_object, scenario.object)),
     )
+
+
+def around(scenario: Scenario) -> Around:
+    """What the recording of `scenario` shows around the robot: what moves in the order of the truth's body poses."""
+    parameters = surroundings(scenario)
+    bodies = [
+        Body(
+            obstacle.name,
+            tuple(Part(block.size, block.at, palette.NEUTRAL) for block in obstacle.blocks),
+            obstacle.pose(),
+        )
+        for obstacle in parameters.obstacles
+    ]
+    moving = [] if parameters.door is None else [_door_body(parameters.door)]
+    for thing in parameters.objects:
+        shape: Literal["box", "cylinder"] = "box" if thing.shape == ObjectShape.BOX else "cylinder"
+        part = Part(thing.size, (0.0, 0.0, 0.0), palette.COMMANDED, shape)
+        moving.append(Body(thing.name, (part,), thing.pose(), len(moving)))
+    kind = None if scenario.door is None else scenario.door.kind
+    return Around((*bodies, *moving), kind, scenario.person is not None)
+
+
+def _door_body(door: DoorParameters) -> Body:
+    size, middle = door.panel()
+    bar_at, y = door.bar(), -0.5 * door.side * door.standoff
+    stubs = (bar_at[2] - 0.4 * door.bar_length, bar_at[2] + 0.4 * door.bar_length)
+    bar = Part((2 * door.bar_radius, 2 * door.bar_radius, door.bar_length), bar_at, palette.COMMANDED, "cylinder")
+    arms = (Part((0.015, door.standoff, 0.015), (bar_at[0], y, z), palette.COMMANDED) for z in stubs)
+    return Body("door", (Part(size, middle, (120, 134, 158)), bar, *arms), door.frame(), 0)
 
 
 def _door(table: DoorTable) -> DoorParameters:

@@ -50,7 +50,9 @@ def _metrics(run: WireRun, log: RunLog, *, judged: bool) -> Metrics:
         faults=(*bus_full, *run.faults),
         recorder_fault=log.recorder_fault,
         dropped_blocks=log.dropped_blocks,
+        recording_bytes=log.recording_bytes,
         extra=_own_metrics(run),
+        door=None if scenario.door is None else scenario.door.kind,
     )
     metrics = evaluate(log.table, run.robot.arm, facts)
     return metrics.judged(expectations(scenario.expect)) if judged else metrics

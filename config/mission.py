@@ -66,7 +66,7 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
 def _slip_writes(scenario: Scenario) -> Iterator[ParameterWrite]:
     planner, feedback = scenario.planner, scenario.feedback
     yield ParameterWrite(slip_table.SLIP_OBSERVER, 0, int(planner.slip_observer))
-    model = (feedback.noise_m, feedback.noise_rad, planner.slip_sigma, planner.slip_tau_s)
+    model = (feedback.noise_m, feedback.noise_rad, planner.slip_sigma, planner.slip_tau_s, planner.slip_learning_s)
     for i, value in enumerate(model, start=1):
         yield ParameterWrite(slip_table.SLIP_MODEL, i, value)
 

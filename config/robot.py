@@ -72,6 +72,7 @@ def planner_parameters(robot: Robot, scenario: Scenario) -> PlannerParameters:
             rotation_noise_rad=scenario.feedback.noise_rad,
             sigma=table.slip_sigma,
             tau_s=table.slip_tau_s,
+            learning_s=table.slip_learning_s,
         ),
         null_space_motion=table.null_space_motion,
         joint_limit_rules=table.joint_limit_rules,

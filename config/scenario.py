@@ -33,6 +33,7 @@ class PlannerTable(Table):
     slip_observer: bool = True
     slip_sigma: Annotated[float, Field(ge=0, le=1)] = 0.01
     slip_tau_s: Annotated[float, Field(ge=0.01, le=1000)] = 0.5
+    slip_learning_s: Annotated[float, Field(ge=0, le=1000)] = 4.0
     null_space_motion: bool = True
     joint_limit_rules: bool = True
     repulsion: bool = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -86,7 +87,7 @@ class PersonTable(Table):
             raise ValueError("a person needs either waypoints or wander")
         if self.waypoints is not None:
             times = [row[0] for row in self.waypoints]
-            if len(times) < 2 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+            if len(times) < 2 or any(b <= a for a, b in itertools.pairwise(times)):
                 raise ValueError(f"waypoints need at least two rows with increasing times, got {times}")
         if self.lets_go_s is not None and self.lets_go_s <= self.grips_s:
             raise ValueError(f"lets_go_s = {self.lets_go_s:g} must be later than grips_s = {self.grips_s:g}")

@@ -9,29 +9,33 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from logs.around import NOTHING, Around, around_views
+from logs.columns import TIMELINE
+from logs.detail import Detail
+from logs.plots import WHEELS
 from logs.scene import ELLIPSOID_SCALE, PATHS
 from stack.kinematics import ArmModel
 from stack.messages import Vector
 
-TIMELINE = "sim_time"
-_OVERVIEW_STATES = ("mission/mode", "planner/phase", "planner/restrictions", "planner/singularity", "drives/all")
+_OVERVIEW_STATES = ("drives/all", "mission/step", "planner/phase", "planner/restrictions", "planner/singularity")
 
 
-def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
+def view_contents(arm: ArmModel, around: Around = NOTHING) -> dict[str, tuple[str, ...]]:
     """Entity paths of every view, by the view's title; a path that ends in `/**` stands for all below it."""
     each = {title: (f"joints/each/{name}",) for title, name in zip(_joint_titles(arm), arm.joint_names, strict=True)}
     return {
         f"{arm.name}, ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
         "TCP error [mm]": ("tcp/error_mm",),
         "Joint positions [share of range, limits at ±1]": ("joints/share", "joints/limits"),
-        "Manipulability, arm": ("manipulability/arm",),
-        "Manipulability, robot": ("manipulability/robot",),
+        "Manipulability, arm [SI]": ("manipulability/arm",),
+        "Manipulability, robot [SI]": ("manipulability/robot",),
         "Platform v [m/s]": ("platform/v/commanded", "platform/v/encoder", "platform/v/true"),
         "Platform ω [rad/s]": ("platform/omega/commanded", "platform/omega/encoder", "platform/omega/true"),
         "Bus load [%]": ("bus/load_percent",),
-        "Path scale": ("planner/path_scale",),
+        "Path scale ϑ [1]": ("planner/path_scale",),
         "States": tuple(f"states/{lane}" for lane in _OVERVIEW_STATES),
         "Events": ("events",),
+        "Events, all": ("events",),
         **each,
         "Joint velocities [share of limit]": ("joints/velocity_share",),
         "Joint efforts [N·m, lift N]": ("joints/effort/actual",),
@@ -39,9 +43,18 @@ def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
         "Drives [CiA 402 state]": ("states/drives/**",),
         "Nodes [NMT state]": ("states/nodes/**",),
         "Frames [1/s]": ("bus/frames_per_s",),
-        "Singular values, arm": ("singular_values/arm",),
-        "Singular values, robot": ("singular_values/robot",),
-        "Singularity margins by kind": ("singularity/margins",),
+        "Load by message class [%]": ("bus/load_by_class_percent",),
+        "Last frame of a class after SYNC [ms]": ("bus/after_sync_ms",),
+        "SYNC later than due [µs]": ("bus/sync_error_us",),
+        "Planner computes [ms]": ("cycle/computing_ms",),
+        "Frames in words": ("can/**",),
+        **{
+            f"Wheel {side} [rad/s]": tuple(f"wheels/velocity/{side}/{role}" for role in ("commanded", "encoder", "true"))
+            for side in WHEELS
+        },
+        "Singular values, arm [SI]": ("singular_values/arm",),
+        "Singular values, robot [SI]": ("singular_values/robot",),
+        "Singularity margins by kind [1]": ("singularity/margins",),
         "Distance to singular manifolds [rad]": ("singularity/manifolds",),
         "Rotation error [mrad]": ("tcp/rotation_error_mrad",),
         "Tracker error [mm]": ("tracker/position_error_mm",),
@@ -49,6 +62,7 @@ def view_contents(arm: ArmModel) -> dict[str, tuple[str, ...]]:
         "Torque at the gripper [N·m]": ("wrench/torque",),
         "Commanded twist, linear [m/s]": ("twist/linear",),
         "Commanded twist, angular [rad/s]": ("twist/angular",),
+        **around_views(around),
         "Wheel slip [%]": ("wheels/slip_percent", "wheels/slip_estimate_percent"),
     }
 
@@ -86,9 +100,14 @@ class Stage:
 START = Stage(np.array([-1.0, -1.0, 0.0]), np.array([1.5, 1.0, 1.4]), np.array([0.42, -0.91]))
 
 
-def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
-    """The layout for the robot that carries `arm`. `stage`: where the eye looks when it opens."""
-    contents = view_contents(arm)
+def blueprint(
+    arm: ArmModel, stage: Stage = START, around: Around = NOTHING, detail: Detail = Detail.FULL
+) -> rrb.Blueprint:
+    """The layout for the robot that carries `arm`. `stage`: where the eye looks when it opens; `around`: what there is to plot besides.
+
+    With `Detail.MINIMAL` the overview is all there is.
+    """
+    contents = view_contents(arm, around)
     titles = list(contents)
     scene = _scene(titles[0], contents[titles[0]], arm.name, stage)
 
@@ -107,21 +126,24 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
     def states(title: str) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(name=title, origin="/", contents=[f"/{path}" for path in contents[title]])
 
+    def events(title: str, levels: list[str] | None = None) -> rrb.TextLogView:
+        return rrb.TextLogView(
+            name=title,
+            origin="/events",
+            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]),
+            rows=rrb.TextLogRows(filter_by_log_level=levels),
+        )
+
     left = rrb.Vertical(
         scene,
         states("States"),
-        rrb.TextLogView(
-            name="Events",
-            origin="/events",
-            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]),
-            rows=rrb.TextLogRows(filter_by_log_level=["INFO", "WARN", "ERROR"]),
-        ),
+        events("Events", ["INFO", "WARN", "ERROR"]),
         row_shares=[5, 2.15, 1.7],
     )
     middle = rrb.Vertical(
         plot("TCP error [mm]"),
         plot("Joint positions [share of range, limits at ±1]", low=-1.1, high=1.1),
-        rrb.Horizontal(plot("Manipulability, arm"), plot("Manipulability, robot")),
+        rrb.Horizontal(plot("Manipulability, arm [SI]"), plot("Manipulability, robot [SI]")),
         row_shares=[1, 1.5, 0.9],
     )
     right = rrb.Vertical(
@@ -129,7 +151,7 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
         plot("Platform ω [rad/s]"),
         rrb.Horizontal(
             plot("Bus load [%]", legend=False, low=0.0, high=100.0),
-            plot("Path scale", legend=False, low=0.0, high=1.05),
+            plot("Path scale ϑ [1]", legend=False, low=0.0, high=1.05),
         ),
         row_shares=[1, 1, 0.9],
     )
@@ -146,24 +168,38 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
         row_shares=[2, 1],
         name="Joints",
     )
-    drives = rrb.Vertical(
-        rrb.Horizontal(states("Drives [CiA 402 state]"), states("Nodes [NMT state]")),
-        plot("Frames [1/s]", legend=False),
-        row_shares=[4, 1],
-        name="Drives and bus",
+    drives = rrb.Horizontal(
+        states("Drives [CiA 402 state]"), states("Nodes [NMT state]"), events("Events, all"), name="Drives and nodes"
+    )
+    bus = rrb.Horizontal(
+        rrb.Vertical(
+            plot("Load by message class [%]"),
+            plot("Last frame of a class after SYNC [ms]"),
+            plot("Planner computes [ms]", legend=False),
+            rrb.Horizontal(plot("SYNC later than due [µs]", legend=False), plot("Frames [1/s]", legend=False)),
+        ),
+        rrb.TextLogView(
+            name="Frames in words",
+            origin="/can",
+            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["EntityPath", "Body"]),
+        ),
+        column_shares=[1, 1.3],
+        name="Bus",
     )
     dexterity = rrb.Grid(
-        plot("Singularity margins by kind", low=-0.02, high=1.02),
+        plot("Singularity margins by kind [1]", low=-0.02, high=1.02),
         plot("Distance to singular manifolds [rad]"),
-        plot("Singular values, arm"),
-        plot("Singular values, robot"),
+        plot("Singular values, arm [SI]"),
+        plot("Singular values, robot [SI]"),
         grid_columns=2,
         name="Singularities",
     )
     task = rrb.Grid(
+        *(plot(title) for title in around_views(around)),
         plot("Rotation error [mrad]", legend=False),
         plot("Tracker error [mm]", legend=False),
         plot("Wheel slip [%]"),
+        *(plot(f"Wheel {side} [rad/s]") for side in WHEELS),
         plot("Force at the gripper [N]"),
         plot("Torque at the gripper [N·m]"),
         plot("Commanded twist, linear [m/s]"),
@@ -171,8 +207,9 @@ def blueprint(arm: ArmModel, stage: Stage = START) -> rrb.Blueprint:
         grid_columns=4,
         name="Task, forces, slip",
     )
+    tabs = (joints, drives, bus, dexterity, task)
     return rrb.Blueprint(
-        rrb.Tabs(overview, joints, drives, dexterity, task, active_tab=0),
+        rrb.Tabs(overview, *(tabs if detail is Detail.FULL else ()), active_tab=0),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),

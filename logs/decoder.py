@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.catalogue import DRIVE_IDS, FORCE_SENSOR_ID, PLANNER_ID, STRATEGIC_ID, TRACKER_ID
 from drivers.frame import Frame, bit_length
 from drivers.objects import DeviceDef, PdoKind
+from logs.bus_timing import CLASSES, after_sync, classes, load_by_class, sync_error
 from logs.events import Event
 from logs.frame_batch import FrameBatch, Ints, PdoLayout, checksum_ok, pdo_layouts
 from logs.signals import DecodedBlock, Signal
@@ -31,6 +32,7 @@ _TRUTH_FIELDS = (
     "base_twist",
     "contact_wrench",
 )
+_TRUTH_OPTIONS = ("door", "handle_force", "hand", "body_poses")
 
 
 class SignalDecoder:
@@ -60,7 +62,9 @@ class SignalDecoder:
         self._segment = 0
         self._was_valid = False
         self._window: int | None = None
-        self._window_bits = self._window_frames = 0.0
+        self._window_bits, self._window_frames = np.zeros(len(CLASSES)), 0.0
+        self._class_of = classes(devices)
+        self._last_sync_ns: int | None = None
         self._last_wheels: tuple[int, Matrix] | None = None
         self._states = StateDecoder({device.node_id: device.name for device in devices})
 
@@ -79,14 +83,18 @@ class SignalDecoder:
         if len(sync_ns):
             signals["sync"] = Signal(sync_ns, np.arange(first, self._cycle + 1, dtype=np.float64))
             rows = cycles - first
+            self._timing(batch, rows, sync_ns, signals)
             self._drives(batch, rows, sync_ns, signals)
             self._reference(batch, rows, sync_ns, signals, counts)
         self._plain_frames(batch, signals, counts)
         self._load(frames, batch, signals)
         _truth(block.truths, signals)
+        if block.timings:
+            t_ns, computing_ns = np.array(block.timings, np.int64).T
+            signals["cycle/computing"] = Signal(t_ns, computing_ns[:, None] * 1e-9)
         states, events = self._states.decode(batch, signals)
         ordered = sorted([*block.events, *events], key=_time_of)
-        return DecodedBlock(signals, states, tuple(ordered), counts)
+        return DecodedBlock(signals, states, tuple(ordered), counts, batch)
 
     def _per_cycle(
         self,
@@ -224,6 +232,13 @@ class SignalDecoder:
         counts["bad_checksums"] += int(np.sum(~good))
         return found[good]
 
+    def _timing(self, batch: FrameBatch, rows: Ints, sync_ns: Ints, signals: dict[str, Signal]) -> None:
+        signals["bus/after_sync"] = after_sync(batch, self._class_of, rows, sync_ns)
+        late = sync_error(sync_ns, self._last_sync_ns, self._period_ns)
+        if late is not None:
+            signals["bus/sync_error"] = late
+        self._last_sync_ns = int(sync_ns[-1])
+
     def _load(self, frames: Sequence[Frame], batch: FrameBatch, signals: dict[str, Signal]) -> None:
         """Bits of each window of 100 ms against the bit rate; the window that is still open is carried along."""
         if not len(frames):
@@ -232,12 +247,15 @@ class SignalDecoder:
         window = batch.t_ns // LOAD_WINDOW_NS
         first = int(window[0]) if self._window is None else self._window
         index = np.maximum(window - first, 0)
-        sums, number = np.bincount(index, bits), np.bincount(index).astype(np.float64)
+        number = np.bincount(index).astype(np.float64)
+        sums = load_by_class(self._class_of[batch.can_id], index, bits, len(number))
         sums[0] += self._window_bits
         number[0] += self._window_frames
         self._window, self._window_bits, self._window_frames = first + len(sums) - 1, sums[-1], number[-1]
         end_ns = (first + 1 + np.arange(len(sums))) * LOAD_WINDOW_NS
-        _keep(signals, "bus/load", end_ns[:-1], sums[:-1, None] / self._bits_per_window)
+        share = sums[:-1] / self._bits_per_window
+        _keep(signals, "bus/load", end_ns[:-1], share.sum(axis=1, keepdims=True))
+        _keep(signals, "bus/load_by_class", end_ns[:-1], share)
         _keep(signals, "bus/frames", end_ns[:-1], number[:-1, None])
 
 
@@ -258,6 +276,10 @@ def _truth(truths: Sequence[Truth], signals: dict[str, Signal]) -> None:
         t_ns = np.array([truth.t_ns for truth in truths], np.int64)
         for name in _TRUTH_FIELDS:
             signals[f"truth/{name}"] = Signal(t_ns, np.array([getattr(truth, name) for truth in truths], np.float64))
+        for name in _TRUTH_OPTIONS:
+            if getattr(truths[0], name) is not None:
+                values = np.array([getattr(truth, name) for truth in truths], np.float64)
+                signals[f"truth/{name}"] = Signal(t_ns, values)
 
 
 def _last_sync(frames: Sequence[Frame]) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from logs.blueprint import TIMELINE
+from logs.columns import TIMELINE
 from logs.configuration_map import ConfigurationMap
 from logs.map_recorder import map_view
 from logs.traces import Plot

@@ -12,7 +12,7 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from logs import palette
-from logs.blueprint import TIMELINE
+from logs.columns import TIMELINE
 from logs.kinematic_blueprint import TRAILS, kinematic_blueprint
 from logs.kinematic_plots import TRACE_COLORS, joint_plots
 from logs.map_recorder import log_map, send_places

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from logs.around import around_metrics
 from logs.expectations import Expectation, Verdict, judge
 from logs.path_metrics import acceleration_steps, driven_distances, largest_distance_to_curve, platform_path_deviation
 from logs.signals import Signal, SignalTable
@@ -28,7 +29,7 @@ class RunFacts:
     """What the signals do not tell; measured by whoever ran the run.
 
     `arm_cycle_us` (n,): computing time of each arm cycle. `extra`: a scenario's own numbers, e.g. a door's angle.
-    `platform_path`: what the platform's deviation is measured against.
+    `platform_path`: what the platform's deviation is measured against. `door`: "hinged", "sliding", or None.
     """
 
     scenario: str
@@ -45,8 +46,10 @@ class RunFacts:
     faults: tuple[str, ...] = ()
     recorder_fault: str | None = None
     dropped_blocks: int = 0
+    recording_bytes: int | None = None
     extra: Mapping[str, float | None] = field(default_factory=dict)
     platform_path: RelativePath | None = None
+    door: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,7 @@ class Metrics:
     min_path_scale: float | None
     recorder_fault: str | None
     dropped_blocks: int
+    recording_mb_per_minute: float | None
     faults: tuple[str, ...]
     extra: Mapping[str, float | None]
     expectations: tuple[Verdict, ...] = ()
@@ -216,8 +220,9 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
         min_path_scale=float(scale.values[:, 3].min()) if scale is not None else None,
         recorder_fault=facts.recorder_fault,
         dropped_blocks=facts.dropped_blocks,
+        recording_mb_per_minute=_mb_per_minute(facts.recording_bytes, facts.sim_time_s),
         faults=facts.faults,
-        extra=dict(facts.extra),
+        extra={**around_metrics(table, facts.door), **facts.extra},
     )
 
 
@@ -260,6 +265,10 @@ def _turn(pose: Signal | None) -> float | None:
         return None
     heading = np.unwrap(np.arctan2(pose.values[:, 1, 0], pose.values[:, 0, 0]))
     return float(heading[-1] - heading[0])
+
+
+def _mb_per_minute(size: int | None, seconds: float) -> float | None:
+    return None if size is None or seconds <= 0.0 else size / 1e6 / seconds * 60.0
 
 
 def _rms(values: ArrayLike) -> float | None:

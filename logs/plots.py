@@ -9,12 +9,14 @@ import numpy as np
 
 from drivers.tables.planner import MANIFOLD_NAMES
 from logs import palette
+from logs.bus_timing import ANSWERING, CLASSES
 from logs.palette import Color
 from logs.signals import Decimation, Signal
 from stack.kinematics import ArmModel
 from stack.planner.singularities import manifolds
 
 XYZ = ("x", "y", "z")
+WHEELS = ("left", "right")
 # what is said first lies below and is drawn broader, so that all three are seen where they agree
 PLATFORM_ROLES = (
     ("commanded", palette.COMMANDED, 4.0),
@@ -64,6 +66,15 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         Series("planner/path_scale", ("path scale",), (palette.TRUE,)),
         Series("bus/load_percent", ("bus load",), (palette.MEASURED,)),
         Series("bus/frames_per_s", ("frames",), (palette.NEUTRAL,)),
+        Series("bus/load_by_class_percent", CLASSES, palette.JOINTS[: len(CLASSES)]),
+        Series("bus/after_sync_ms", ANSWERING, palette.JOINTS[: len(ANSWERING)]),
+        Series("bus/sync_error_us", ("later than due",), (palette.NEUTRAL,)),
+        Series("cycle/computing_ms", ("planner",), (palette.TRUE,)),
+        *(
+            Series(f"wheels/velocity/{side}/{role}", (role,), (color,), (width,))
+            for side in WHEELS
+            for role, color, width in PLATFORM_ROLES
+        ),
         Series("wrench/force", XYZ, palette.AXES),
         Series("wrench/torque", XYZ, palette.AXES),
         Series("twist/linear", XYZ, palette.AXES),
@@ -84,14 +95,22 @@ class Plots:
         self._max_velocity = arm.dq_max
         self._padding_share = 1.0 - 2.0 * float(np.mean(self._padding / (self._upper - self._lower)))
 
-    def values(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
-        """Entity path and values, for every plotted entity that this block has something for."""
+    def values(
+        self, signals: Mapping[str, Signal], only: frozenset[str] | None = None
+    ) -> Iterable[tuple[str, Signal]]:
+        """Entity path and values, for every plotted entity (or those in `only`) that this block has something for."""
+        if only is not None:
+            signals = {name: signal for name, signal in signals.items() if name in _MINIMAL_SIGNALS}
+        return (pair for pair in self._all(signals) if only is None or pair[0] in only)
+
+    def _all(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
         for path, name, scale in _DIRECT:
             if name in signals:
                 yield path, _scaled(signals[name], scale)
         yield from self._error(signals)
         yield from self._joints(signals)
         yield from _platform(signals)
+        yield from _wheels(signals)
         if "manipulability" in signals:
             both = signals["manipulability"]
             yield "manipulability/arm", Signal(both.t_ns, both.values[:, 0::2])
@@ -157,6 +176,34 @@ class Plots:
             yield f"joints/each/{name}", Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits]))
 
 
+MINIMAL_PLOTS = frozenset(
+    {
+        "tcp/error_mm",
+        "joints/position/actual",
+        "joints/share",
+        "joints/limits",
+        "platform/v/commanded",
+        "platform/v/true",
+        "platform/omega/commanded",
+        "platform/omega/true",
+        "manipulability/arm",
+        "manipulability/robot",
+        "bus/load_percent",
+        "planner/path_scale",
+    }
+)
+"""Plotted entities of a recording with `Detail.MINIMAL`."""
+_MINIMAL_SIGNALS = frozenset(
+    {
+        "tcp/error",
+        "joints/position/actual",
+        "platform/velocity/commanded",
+        "truth/base_twist",
+        "manipulability",
+        "bus/load",
+        "planner/state",
+    }
+)
 _MANIFOLDS_HZ = 10.0
 _KIND_COLORS = (palette.LIMIT, palette.COMMANDED, palette.MEASURED, palette.VIOLET)
 _DEXTERITY_COLORS = (
@@ -172,6 +219,10 @@ _DIRECT = (
     ("singular_values/robot", "singular_values/robot", 1.0),
     ("bus/load_percent", "bus/load", 100.0),
     ("bus/frames_per_s", "bus/frames", 10.0),
+    ("bus/load_by_class_percent", "bus/load_by_class", 100.0),
+    ("bus/after_sync_ms", "bus/after_sync", 1e3),
+    ("bus/sync_error_us", "bus/sync_error", 1e6),
+    ("cycle/computing_ms", "cycle/computing", 1e3),
     ("wrench/force", "wrench/force", 1.0),
     ("wrench/torque", "wrench/torque", 1.0),
     ("twist/linear", "twist/linear", 1.0),
@@ -191,6 +242,19 @@ def _platform(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
             signal = signals[name]
             yield f"platform/v/{role}", Signal(signal.t_ns, signal.values[:, :1])
             yield f"platform/omega/{role}", Signal(signal.t_ns, signal.values[:, 1:2])
+
+
+def _wheels(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
+    sources = {
+        "commanded": "wheels/velocity/target",
+        "encoder": "wheels/velocity/actual",
+        "true": "truth/wheel_velocity",
+    }
+    for role, name in sources.items():
+        if name in signals:
+            signal = signals[name]
+            for i, side in enumerate(WHEELS):
+                yield f"wheels/velocity/{side}/{role}", Signal(signal.t_ns, signal.values[:, i : i + 1])
 
 
 def _scaled(signal: Signal, scale: float) -> Signal:

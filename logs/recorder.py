@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,17 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from drivers.objects import DeviceDef
 from logs import palette
-from logs.blueprint import TIMELINE, Stage, blueprint
+from logs.around import Around, AroundScene, around_series, around_values
+from logs.blueprint import Stage, blueprint
+from logs.columns import ColumnSender, WallClock
+from logs.detail import Detail
 from logs.events import Event
-from logs.plots import Plots, all_series
+from logs.frame_lines import FrameLineWriter
+from logs.plots import MINIMAL_PLOTS, Plots, all_series
 from logs.scene import Scene
-from logs.signals import DecodedBlock, Ints, StateChange
+from logs.signals import DecodedBlock, StateChange
 from logs.states import SINGULARITIES
 from stack.kinematics import ArmModel
 from stack.messages import Vector
@@ -30,7 +35,10 @@ STATE_LANES = ("mission/mode", "mission/step", "planner/phase", RESTRICTIONS, SI
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """What identifies a run: goes into the recording's properties. `settings` is the resolved configuration as text or flat values."""
+    """What identifies a run: goes into the recording's properties. `settings` is the resolved configuration as text or flat values.
+
+    `wall_clock`: of a run in real time.
+    """
 
     name: str
     seed: int = 1
@@ -38,46 +46,66 @@ class RunInfo:
     coordination: str = ""
     revision: str = ""
     settings: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    around: Around = Around()
+    wall_clock: WallClock | None = None
 
 
 class RerunRecorder:
     """One recording. All calls from one thread. `write` and `close` raise what the disk or the writer raises: see `RunLog`."""
 
     def __init__(
-        self, path: Path, arm: ArmModel, urdf: Path, info: RunInfo, *, sync_period_ns: int, platform_ratio: int = 5
+        self,
+        path: Path,
+        arm: ArmModel,
+        urdf: Path,
+        info: RunInfo,
+        *,
+        sync_period_ns: int,
+        platform_ratio: int = 5,
+        devices: Iterable[DeviceDef] = (),
+        detail: Detail = Detail.FULL,
+        viewer: str | None = None,
     ) -> None:
-        """Creates the file with geometry, styles, properties and layout. `platform_ratio`: arm cycles per platform cycle."""
-        self._info = info
-        self._arm = arm
-        self._period_ns = sync_period_ns
-        self._platform_ratio = platform_ratio
-        self._sync_ns = np.empty(0, np.int64)
-        self._sync_cycle = np.empty(0, np.int64)
-        self._plots, self._scene = Plots(arm), Scene(arm, urdf)
+        """Creates the file with geometry, styles, properties and layout. `platform_ratio`: arm cycles per platform cycle.
+
+        `devices`: whose frames are recorded in words (with Detail.FULL). `viewer`: address of a viewer that is listening.
+        """
+        self._info, self._arm, self._detail = info, arm, detail
+        self._plots, self._scene, self._around = Plots(arm), Scene(arm, urdf), AroundScene(info.around)
+        self._frame_lines = FrameLineWriter(devices) if detail is Detail.FULL else None
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._ends: dict[str, tuple[Vector, Vector]] = {}
         self._styled: set[str] = set()
         self._restrictions: set[str] = {"none"}
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
-        self._stream.set_sinks(rr.FileSink(path), default_blueprint=blueprint(arm))
+        sinks = [rr.FileSink(path)] + ([rr.GrpcSink(viewer)] if viewer is not None else [])
+        self._stream.set_sinks(*sinks, default_blueprint=blueprint(arm, around=info.around, detail=detail))
+        self._columns = ColumnSender(self._stream, sync_period_ns, platform_ratio, info.wall_clock)
         self._log_statics()
 
     def write(self, block: DecodedBlock) -> None:
         """Sends one block and waits until it is in the file. Raises when it did not get there within 2 s."""
-        self._note_cycles(block)
-        for path, signal in self._plots.values(block.signals):
-            self._send(path, signal.t_ns, rr.Scalars.columns(scalars=signal.values))
-        self._scene.send(block.signals, self._send)
+        columns, full = self._columns, self._detail is Detail.FULL
+        columns.begin_block(block.signals.get("sync"))
+        for path, signal in self._plots.values(block.signals, None if full else MINIMAL_PLOTS):
+            columns.scalars(path, signal.t_ns, signal.values)
+        for path, signal in around_values(block.signals, self._info.around):
+            columns.scalars(path, signal.t_ns, signal.values)
+        self._scene.send(block.signals, columns.columns, ellipsoids=full)
+        self._around.send(block.signals, columns.columns)
         self._note_extent(block)
         self._send_states(block.states)
         self._send_events(block.events)
+        if self._frame_lines is not None and block.frames is not None:
+            for line in self._frame_lines.lines(block.frames):
+                columns.texts(line.path, line.t_ns, line.texts, [line.level] * len(line.texts))
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def close(self) -> None:
         """Sets the eye to where the robot went, flushes, and closes the file."""
         if self._ends:
             stage = Stage.of(self._ends["truth/pose_WE"], self._ends["truth/pose_WB"], self._low, self._high)
-            self._stream.send_blueprint(blueprint(self._arm, stage))
+            self._stream.send_blueprint(blueprint(self._arm, stage, self._info.around, self._detail))
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._stream.disconnect()
 
@@ -90,6 +118,9 @@ class RerunRecorder:
     def _log_statics(self) -> None:
         stream = self._stream
         self._scene.log_statics(stream)
+        self._around.log_statics(stream)
+        for path, names, colors in around_series(self._info.around):
+            stream.log(path, rr.SeriesLines(names=names, colors=colors, widths=[1.5] * len(names)), static=True)
         for series in all_series(self._arm.joint_names):
             style = rr.SeriesLines(names=series.names, colors=series.colors, widths=series.all_widths)
             stream.log(series.path, style, static=True)
@@ -107,14 +138,6 @@ class RerunRecorder:
         )
         self._styled.add(lane)
 
-    def _note_cycles(self, block: DecodedBlock) -> None:
-        """Keeps the SYNC times of this block and the last one: rows may be a little older than their block."""
-        sync = block.signals.get("sync")
-        if sync is not None:
-            keep = len(sync) + 64
-            self._sync_ns = np.append(self._sync_ns, sync.t_ns)[-keep:]
-            self._sync_cycle = np.append(self._sync_cycle, sync.values.astype(np.int64))[-keep:]
-
     def _note_extent(self, block: DecodedBlock) -> None:
         for name in ("truth/pose_WB", "truth/pose_WE"):
             pose = block.signals.get(name)
@@ -124,25 +147,6 @@ class RerunRecorder:
                 self._high = np.maximum(self._high, position.max(axis=0))
                 first = self._ends[name][0] if name in self._ends else position[0]
                 self._ends[name] = (first, position[-1])
-
-    def _cycles(self, t_ns: Ints) -> Ints:
-        """Arm cycle of each time: that of the last SYNC at or before it; counted on by the period after the last one."""
-        if not len(self._sync_ns):
-            return np.zeros(len(t_ns), np.int64)
-        row = np.clip(np.searchsorted(self._sync_ns, t_ns, "right") - 1, 0, len(self._sync_ns) - 1)
-        beyond = (t_ns - self._sync_ns[-1]) // self._period_ns
-        return np.where(
-            row == len(self._sync_ns) - 1, self._sync_cycle[-1] + np.maximum(beyond, 0), self._sync_cycle[row]
-        )
-
-    def _send(self, path: str, t_ns: Ints, columns: Any) -> None:
-        cycles = self._cycles(t_ns)
-        index = [
-            rr.TimeColumn(TIMELINE, duration=t_ns.astype("timedelta64[ns]")),
-            rr.TimeColumn("arm_cycle", sequence=cycles),
-            rr.TimeColumn("platform_cycle", sequence=cycles // self._platform_ratio),
-        ]
-        self._stream.send_columns(path, indexes=index, columns=columns)
 
     def _send_states(self, states: tuple[StateChange, ...]) -> None:
         lanes: dict[str, list[StateChange]] = {}
@@ -159,13 +163,13 @@ class RerunRecorder:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         for lane, changes in lanes.items():
             t_ns = np.array([change.t_ns for change in changes], np.int64)
-            self._send(f"states/{lane}", t_ns, rr.StateChange.columns(state=[change.state for change in changes]))
+            self._columns.columns(f"states/{lane}", t_ns, rr.StateChange.columns(state=[change.state for change in changes]))
 
     def _send_events(self, events: tuple[Event, ...]) -> None:
         if events:
             t_ns = np.array([event.t_ns for event in events], np.int64)
             texts = [f"{event.source}: {event.text}" for event in events]
-            self._send("events", t_ns, rr.TextLog.columns(text=texts, level=[event.level.name for event in events]))
+            self._columns.texts("events", t_ns, texts, [event.level.name for event in events])
 
 
 def run_properties(info: RunInfo) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rerun.chunk import RrdReader
 
-from logs.blueprint import TIMELINE
+from logs.columns import TIMELINE
 from logs.signals import Signal
 from stack.messages import Matrix
 

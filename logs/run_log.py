@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 
 from drivers.frame import Frame
 from drivers.objects import DeviceDef
 from logs.decoder import SignalDecoder
+from logs.detail import Detail
 from logs.dexterity import Dexterity
 from logs.events import Event, EventLog, Level
 from logs.optimise import optimise
@@ -22,6 +24,7 @@ from stack.kinematics.robot_file import robot_directory
 from stack.messages import Truth
 
 QUEUED_BLOCKS = 8
+BLOCK_NS = 1_000_000_000
 
 
 class RunLog:
@@ -35,6 +38,8 @@ class RunLog:
 
     With `postpone` the thread begins when the run is over: in real time it would take the interpreter away from the loop for longer
     than a SYNC period. What has been heard stays in memory until then, about 1 MB per second of run.
+
+    `detail`: what is recorded; `viewer`: address of one that shows the run while it goes on (see `logs.viewer`), beside the file.
 
     With `compact` a recording that is complete is rewritten a third smaller by `close` (0.1 s per MB at most).
 
@@ -53,12 +58,15 @@ class RunLog:
         world_reference: bool = False,
         recording: Path | None,
         event_log: Path | None,
+        detail: Detail = Detail.FULL,
+        viewer: str | None = None,
         wait: bool = True,
         postpone: bool = False,
         compact: bool = True,
-        block_ns: int = 1_000_000_000,
+        block_ns: int = BLOCK_NS,
     ) -> None:
         """Opens the files and starts the thread. Raises OSError when `event_log` cannot be made, ValueError for an unknown robot."""
+        devices = tuple(devices)
         arm = ArmModel.load(robot)  # not the planner's: an ArmModel belongs to one thread
         platform = arm.description.platform
         self._decoder = SignalDecoder(
@@ -81,9 +89,12 @@ class RunLog:
         self.written_blocks = self.dropped_blocks = 0
         self.recorder_fault: str | None = None
         """Why the recording ended early, or None."""
+        self.recording_bytes: int | None = None
+        """Size of the recording, known after `close`."""
         self._recorder: RerunRecorder | None = None
+        self._recording = recording
         if recording is not None:
-            self._open(recording, arm, robot, info, sync_period_ns, platform_ratio)
+            self._open(recording, arm, robot, info, sync_period_ns, platform_ratio, detail, tuple(devices), viewer)
         self._tape = Tape(self._hand_over, block_ns)
         self.on_frame: Callable[[Frame], None] = self._tape.on_frame
         """For `Bus.observe`: an append and a comparison."""
@@ -96,6 +107,10 @@ class RunLog:
     def on_truth(self, truth: Truth) -> None:
         """One sample at a SYNC."""
         self._tape.on_truth(truth)
+
+    def on_timing(self, t_ns: int, computing_ns: int) -> None:
+        """How long the arm cycle that began at `t_ns` took to compute."""
+        self._tape.on_timing(t_ns, computing_ns)
 
     def on_event(self, t_ns: int, level: Level, source: str, text: str) -> None:
         """Something that the frames do not tell, e.g. an injected fault, an overrun."""
@@ -175,15 +190,32 @@ class RunLog:
         signals |= self._tracking.add(signals.get("reference/pose"), signals.get("reference/segment"), pose)
         if pose is not None:
             signals |= self._dexterity.add(signals["truth/q"], pose)
-        return DecodedBlock(signals, decoded.states, decoded.events, decoded.counts)
+        return replace(decoded, signals=signals)
 
     def _open(
-        self, path: Path, arm: ArmModel, robot: str, info: RunInfo, sync_period_ns: int, platform_ratio: int
+        self,
+        path: Path,
+        arm: ArmModel,
+        robot: str,
+        info: RunInfo,
+        sync_period_ns: int,
+        platform_ratio: int,
+        detail: Detail,
+        devices: tuple[DeviceDef, ...],
+        viewer: str | None,
     ) -> None:
         urdf = robot_directory(robot) / "robot.urdf"
         try:
             self._recorder = RerunRecorder(
-                path, arm, urdf, info, sync_period_ns=sync_period_ns, platform_ratio=platform_ratio
+                path,
+                arm,
+                urdf,
+                info,
+                sync_period_ns=sync_period_ns,
+                platform_ratio=platform_ratio,
+                devices=devices,
+                detail=detail,
+                viewer=viewer,
             )
         except Exception as fault:
             self._give_up(fault)
@@ -208,6 +240,8 @@ class RunLog:
                 self._recorder.close()
                 if self._compact is not None:
                     optimise(self._compact)
+                if self._recording is not None:
+                    self.recording_bytes = self._recording.stat().st_size
             except Exception as fault:
                 self._give_up(fault)
         if self._events is not None:

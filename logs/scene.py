@@ -51,13 +51,13 @@ class Scene:
         self._tree.log_urdf_to_recording(recording=recording)
         recording.log("world/reference", rr.TransformAxes3D(0.16), static=True)
 
-    def send(self, signals: Mapping[str, Signal], send: Send) -> None:
+    def send(self, signals: Mapping[str, Signal], send: Send, *, ellipsoids: bool = True) -> None:
         """The scene of one block."""
         self._robot(signals, send)
         self._paths(signals, send)
         for name, color in (("arm", palette.COMMANDED), ("robot", palette.MEASURED)):
             ellipsoid = signals.get(f"ellipsoid/{name}")
-            if ellipsoid is not None:
+            if ellipsoid is not None and ellipsoids:
                 send(f"world/ellipsoid/{name}", ellipsoid.t_ns, _ellipsoid_columns(ellipsoid.values, color))
 
     def _robot(self, signals: Mapping[str, Signal], send: Send) -> None:

@@ -19,7 +19,11 @@ Signals that the decoder makes from frames and truth, all in SI units. "cycle" r
 | `twist/linear`, `twist/angular`, `wrench/force`, `wrench/torque` | x y z | frame |
 | `tracker/position`, `tracker/rotation_vector`, `tracker/age` | x y z; s | frame |
 | `bus/load`, `bus/frames` | share of the bit rate; frames | end of each 100 ms |
+| `bus/load_by_class`, `bus/after_sync` | one per class of messages, see `logs.bus_timing` | as `bus/load`; SYNC |
+| `bus/sync_error` | s later than due | SYNC |
+| `cycle/computing` | s that the planner computed | SYNC |
 | `truth/...` | as in `Truth`: `pose_WB`, `pose_WE` (n, 4, 4), `q`, `dq`, `effort`, … | truth sample |
+| `truth/door`, `truth/handle_force`, `truth/hand`, `truth/body_poses` | as in `Truth`, where there is such a thing | truth sample |
 | `tcp/error` | distance m, lateral m, rotation rad | truth sample with a valid reference |
 | `tcp/commanded` | reference in the world: position, quaternion xyzw | as `tcp/error` |
 | `manipulability`, `singular_values/…`, `ellipsoid/…` | see `logs.dexterity` | 20 Hz |
@@ -35,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logs.events import Event
+from logs.frame_batch import FrameBatch
 
 Ints = NDArray[np.int64]
 
@@ -85,6 +90,7 @@ class DecodedBlock:
     states: tuple[StateChange, ...] = ()
     events: tuple[Event, ...] = ()
     counts: Mapping[str, int] | None = None
+    frames: FrameBatch | None = None
 
 
 class SignalTable:

@@ -43,6 +43,7 @@ def _rows(m: Metrics) -> list[tuple[str, str, str]]:
         ("arm cycle", cycle[0], f"µs median, {cycle[1]} p99, {cycle[2]} max, {m.arm_cycles} cycles"),
         ("bus load", load[0], f"% mean, {load[1]} peak"),
         ("frames", str(m.frames), f"{m.frames_lost} lost"),
+        ("recording", _number(m.recording_mb_per_minute, 1, 1), "MB a minute"),
     ]
 
 

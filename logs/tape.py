@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.frame import Frame
 from logs.events import Event
@@ -14,11 +14,15 @@ SYNC_ID = 0x080
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """About one second of a run: frames in wire order, truth samples and events in the order of their arrival."""
+    """A stretch of a run: frames in wire order, truth samples and events in the order of their arrival.
+
+    `timings`: time of each arm cycle, and how long it took to compute, both ns.
+    """
 
     frames: list[Frame]
     truths: list[Truth]
     events: list[Event]
+    timings: list[tuple[int, int]] = field(default_factory=list)
 
 
 class Tape:
@@ -27,7 +31,7 @@ class Tape:
     Adding a frame costs a list append and one comparison (well below 1 µs) and never fails; nothing is decoded here.
     """
 
-    __slots__ = ("_block_ns", "_cut_at_ns", "_events", "_frames", "_on_block", "_truths", "frame_count")
+    __slots__ = ("_block_ns", "_cut_at_ns", "_events", "_frames", "_on_block", "_timings", "_truths", "frame_count")
 
     def __init__(self, on_block: Callable[[Block], None], block_ns: int = 1_000_000_000) -> None:
         if block_ns <= 0:
@@ -38,6 +42,7 @@ class Tape:
         self._frames: list[Frame] = []
         self._truths: list[Truth] = []
         self._events: list[Event] = []
+        self._timings: list[tuple[int, int]] = []
         self.frame_count = 0
 
     def on_frame(self, frame: Frame) -> None:
@@ -54,11 +59,15 @@ class Tape:
         """Something that happened and that no frame tells."""
         self._events.append(event)
 
+    def on_timing(self, t_ns: int, computing_ns: int) -> None:
+        """How long the arm cycle that began at `t_ns` took to compute."""
+        self._timings.append((t_ns, computing_ns))
+
     def cut(self) -> None:
         """Hands on what there is; for the end of a run."""
         self.frame_count += len(self._frames)
-        block = Block(self._frames, self._truths, self._events)
-        self._frames, self._truths, self._events = [], [], []
+        block = Block(self._frames, self._truths, self._events, self._timings)
+        self._frames, self._truths, self._events, self._timings = [], [], [], []
         self._on_block(block)
 
     def _on_sync(self, t_ns: int) -> None:

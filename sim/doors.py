@@ -17,7 +17,7 @@ from sim.bullet import pybullet, quiet
 from sim.grasping import GraspPoint
 from sim.physics import ARM, GRIPPER, OBSTACLES, Physics
 from sim.rotation import inverse, pose_of
-from stack.messages import Matrix, Vector
+from stack.messages import Matrix
 
 _EDGE = 0.07
 """m of panel beyond the handle"""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +91,15 @@ class ObjectParameters:
         if self.shape not in (ObjectShape.BOX, ObjectShape.CYLINDER):
             raise ValueError(f"object {self.name}: shape = {self.shape!r}: must be 'box' or 'cylinder'")
 
+    def pose(self) -> Matrix:
+        """Pose (4, 4) of its middle in the world at the start."""
+        x, y, z = self.position
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        pose = np.eye(4)
+        pose[:2, :2] = (c, -s), (s, c)
+        pose[:3, 3] = x, y, z + self.size[2] / 2
+        return pose
+
     @property
     def moments(self) -> tuple[float, float, float]:
         """Principal moments of inertia, kg·m²."""
@@ -175,8 +183,3 @@ class Object:
         """Pose (4, 4) of its middle in the world."""
         position, quaternion = pybullet.getBasePositionAndOrientation(self.body, physicsClientId=self._physics.client)
         return pose_of(position, quaternion)
-
-
-def bodies_of(things: Sequence[Object]) -> list[int]:
-    """Body ids in their order."""
-    return [thing.body for thing in things]

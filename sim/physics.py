@@ -61,6 +61,7 @@ class Physics:
         self.wheel_joints, self.arm_joints = loaded.wheel_joints, loaded.arm_joints
         self.peak_torque, self.velocity_limit = loaded.peak_torque, loaded.velocity_limit
         self._drives = [*self.wheel_joints, *self.arm_joints]
+        self.base_name: str = pybullet.getBodyInfo(self.robot, physicsClientId=self.client)[0].decode()
         inertial = pybullet.getDynamicsInfo(self.robot, -1, physicsClientId=self.client)
         self._base_from_com = inverse(pose_of(inertial[3], inertial[4]))
         self._com_to_base = -np.array(inertial[3])

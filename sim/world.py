@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.collisions import Collisions
 from sim.force_sensor import ForceSensor, ForceSensorParameters
 from sim.joint_plant import JointPlant, JointPlantParameters
 from sim.physics import Physics, PhysicsParameters, RobotNames
@@ -91,6 +92,7 @@ class World:
         self.plant.zero()
         self.force_sensor = ForceSensor(parameters.force_sensor, physics, self.seed)
         self.surroundings.start()
+        self.collisions = Collisions(physics, self.surroundings)
 
     def step(self) -> None:
         """One tick of `physics.step_s`, with the commands that the plant holds."""
@@ -102,6 +104,7 @@ class World:
         self.physics.sense()
         self.plant.sense()
         self.force_sensor.advance()
+        self.collisions.check()
 
     def truth(self, t_ns: int) -> Truth:
         """The state after the last step, stamped `t_ns`; all arrays are the caller's own."""

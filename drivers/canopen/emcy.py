@@ -35,6 +35,7 @@ class EmcyCode(IntEnum):
     FOLLOWING_ERROR = 0x8611
     REFERENCE_LIMIT = 0x8612
     SYNC_LOST = 0x8700
+    GATE = 0xFF01
 
 
 class ErrorRegister(IntFlag):
@@ -42,6 +43,7 @@ class ErrorRegister(IntFlag):
 
     NONE = 0
     GENERIC = 1
+    CURRENT = 1 << 1
     COMMUNICATION = 1 << 4
     PROFILE = 1 << 5
     MANUFACTURER = 1 << 7
@@ -52,6 +54,8 @@ def register_bit(code: int) -> ErrorRegister:
     group = code >> 12
     if group == 0xF:
         return ErrorRegister.MANUFACTURER
+    if group == 0x2:
+        return ErrorRegister.CURRENT
     if group == 0x8 and code < 0x8300:
         return ErrorRegister.COMMUNICATION
     return ErrorRegister.PROFILE

@@ -49,6 +49,8 @@ class ReceivePdo(PdoParameters):
         self._listening: int | None = None
         self.pending: bytes | None = None
         """A frame that waits for its SYNC."""
+        self.guard: Callable[[bytes], bytes | None] | None = None
+        """Gets every frame of the right length and says what of it may pass; None: nothing."""
         self._timeout_ns = 0
         self._deadline: Timer | None = None
 
@@ -92,11 +94,14 @@ class ReceivePdo(PdoParameters):
             return
         if self._emcy.errors:
             self._emcy.resolve(EmcyCode.PDO_LENGTH)
+        data = frame.data if self.guard is None else self.guard(frame.data)
+        if data is None:
+            return
         if self._timeout_ns:
             self._watch()
         if self.transmission_type <= SYNCHRONOUS_MAX:
-            self.pending = frame.data
-        elif self._store(frame.data):
+            self.pending = data
+        elif self._store(data):
             self.announce()
 
     def _store(self, data: bytes) -> bool:

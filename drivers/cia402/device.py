@@ -15,6 +15,7 @@ from drivers.canopen.node import CanopenNode, CommunicationLoss, NodeApplication
 from drivers.cia402.axis_watch import Alarm
 from drivers.cia402.bank import DriveBank
 from drivers.cia402.faults import CODE_OF_ALARM, CODE_OF_LOSS, Faults
+from drivers.cia402.gate_keeper import GateKeeper
 from drivers.cia402.homing import Homing
 from drivers.cia402.parameters import AbortConnection, DriveParameters, QuickStop
 from drivers.cia402.process_data import LIMITED, ProcessData
@@ -67,6 +68,7 @@ class Drive(NodeApplication):
         self.process_data = ProcessData(dictionary, self.axis, self.parameters)
         self.homing = Homing(dictionary, self.axis)
         self.faults = Faults(self.node)
+        self.gate = GateKeeper(self.node, self.parameters, clock, lambda: self._follows)
         self._controlword = 0
         self._missing = 0
         self._sync_late = False
@@ -138,9 +140,15 @@ class Drive(NodeApplication):
 
     def excuses(self, node_id: int) -> bool:
         """A master whose set points come is there, heartbeat or not; that is believed for a while."""
-        return self._missing == 0 and self.state is State.OPERATION_ENABLED and self._loop is not None
+        return self._missing < MISSED_PERIODS and self.state is State.OPERATION_ENABLED and self._loop is not None
+
+    @property
+    def _follows(self) -> bool:
+        """Set points move the axis."""
+        return self.state is State.OPERATION_ENABLED and self._loop is not None and not self._holding
 
     def on_sync(self, counter: int | None) -> None:
+        self.gate.on_sync()
         fresh = self.process_data.take_fresh()
         self._flags = self.axis.take_flags()
         if self.node.emcy.errors:
@@ -224,6 +232,7 @@ class Drive(NodeApplication):
         self._missing = 0
         self._sync_late = False
         self.process_data.seed()
+        self.gate.seed(self.process_data.position() if self.mode is Mode.CYCLIC_POSITION else 0)
         deadline_ns = self.clock.now_ns() + MISSED_PERIODS * self.parameters.period_ns
         self.axis.expect_sync(None if self._loop is None else deadline_ns)
         self._resume()

@@ -79,6 +79,7 @@ def drive(
         + _option_objects()
         + _homing_objects("m" if linear else "rad")
         + _unit_objects(linear)
+        + _gate_objects()
     )
     pdos = _pdos(node_id, wheel)
     types = {entry.key: entry.data_type for entry in profile}
@@ -214,6 +215,16 @@ def _homing_objects(unit: str) -> list[ObjectDef]:
         ObjectDef(0x6099, 1, "Speed during search for switch", U32, Access.RW, 100_000, unit=speed, scale=1e-6),
         ObjectDef(0x6099, 2, "Speed during search for zero", U32, Access.RW, 10_000, unit=speed, scale=1e-6),
         ObjectDef(0x609A, 0, "Homing acceleration", U32, Access.RW, 1_000_000, unit=f"{unit}/s²", scale=1e-6),
+    ]
+
+
+def _gate_objects() -> list[ObjectDef]:
+    """The safety gate before the set points (drivers/gate.py). Margin: most change of a target from SYNC to SYNC, as a multiple of what
+    the velocity limit allows; 0 switches this rule off, for masters that let targets jump and leave the way to the drive."""
+    return [
+        ObjectDef(0x2100, 0, "Gate: most change of a target", U16, Access.RW, 3000, unit="velocity limit", scale=1e-3),
+        ObjectDef(0x2101, 0, "Gate: set points refused", U32, Access.RO, 0),
+        ObjectDef(0x2102, 0, "Gate: set points limited", U32, Access.RO, 0),
     ]
 
 

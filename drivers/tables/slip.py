@@ -14,13 +14,14 @@ SLIP, MEASUREMENTS = 0x2060, 0x2061
 SLIP_COB_ID = 0x4E4
 """TPDO 6 has no identifier of its own; this is TPDO 4 of node 100, which nobody is: the frame with the least to say."""
 SLIP_SCALE = 1e-5
-MODEL_FIELDS = ("position_noise_m", "rotation_noise_rad", "sigma", "tau_s")
+MODEL_FIELDS = ("position_noise_m", "rotation_noise_rad", "sigma", "tau_s", "learning_s")
 """Of `SlipModel`, in the order of the sub-indices of 2015h."""
 _ENTRIES = (
     ("feedback noise position", 0.0, 1.0, "m"),
     ("feedback noise rotation", 0.0, 1.0, "rad"),
     ("slip sigma", 0.0, 1.0, ""),
     ("slip tau", 1e-2, 1e3, "s"),
+    ("slip learning", 0.0, 1e3, "s"),
 )
 
 SLIP_FRAME = FastFrame(

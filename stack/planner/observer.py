@@ -20,10 +20,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.odometry import PlatformPose
 from stack.planner.tracking import orthonormalise, rotation_vector
-from stack.servo.compiled import compiled
 
 STATES = 8
 SLIP_LIMIT = 0.5
@@ -34,6 +34,8 @@ _POSITION_WALK, _ROTATION_WALK = 2e-5, 2e-5
 """m/√s, rad/√s of the random walk of `T_RO`."""
 _HARMLESS_M, _HARMLESS_RAD = 0.004, 0.008
 """A measurement that is less off than this is never an outlier: it cannot throw the robot, and models are not perfect."""
+_LEAST, _MOST = 0.2, 6.0
+"""Bounds of the slip that is learned, as shares of what the model says."""
 _GATE = 45.0
 """Squared Mahalanobis distance (6 degrees of freedom) above which a measurement is suspicious: 5e-8 of the good ones are."""
 
@@ -41,12 +43,16 @@ _GATE = 45.0
 @dataclass(frozen=True, slots=True)
 class SlipModel:
     """What the observer takes for granted: standard deviations of one tracked pose (each coordinate, each component of a small
-    rotation), and slip per wheel as a stationary process of standard deviation `sigma` (-), correlated over `tau_s`."""
+    rotation), and slip per wheel as a stationary process of standard deviation `sigma` (-), correlated over `tau_s`.
+
+    `sigma` is what to begin with: with `learning_s` > 0 the observer goes over to what it finds, within a few times that.
+    """
 
     position_noise_m: float = 0.0005
     rotation_noise_rad: float = 0.0005
     sigma: float = 0.01
     tau_s: float = 0.5
+    learning_s: float = 4.0
 
 
 class Verdict(IntEnum):
@@ -62,11 +68,13 @@ def _nothing_known() -> Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """At one instant: `T_RO` (4, 4), slip ratio of the left and the right wheel (2,), covariance (8, 8) of the error states."""
+    """At one instant: `T_RO` (4, 4), slip ratio of the left and the right wheel (2,), covariance (8, 8) of the error states, and the
+    variance of slip in general."""
 
     T_RO: Matrix = field(default_factory=lambda: np.eye(4))
     slip: Vector = field(default_factory=lambda: np.zeros(2))
     covariance: Matrix = field(default_factory=_nothing_known)
+    variance: float = 0.0
 
     @classmethod
     def placed(cls, T_OE: Matrix, pose: PlatformPose, position: Vector, rotation: Vector, model: SlipModel) -> Estimate:
@@ -75,13 +83,24 @@ class Estimate:
         T_RO[:3, :3] = rotation_matrix(rotation) @ T_OE[:3, :3].T
         T_RO[:3, 3] = position - T_RO[:3, :3] @ T_OE[:3, 3]
         covariance = _first_covariance(T_RO, T_OE, *pose, *_variances(model), model.sigma)
-        return cls(T_RO, np.zeros(2), covariance)
+        return cls(T_RO, np.zeros(2), covariance, model.sigma**2)
 
     def moved(self, before: PlatformPose, after: PlatformPose, dt: float, track: float, model: SlipModel) -> Estimate:
         """After the `dt` s in which odometry says that the platform went from `before` to `after`, a single arc."""
-        return Estimate(
-            *_propagate(self.T_RO, self.slip, self.covariance, *before, *after, dt, track, model.sigma, model.tau_s)
+        T_RO, slip, covariance = _propagate(
+            self.T_RO, self.slip, self.covariance, *before, *after, dt, track, self.variance, model.tau_s
         )
+        return Estimate(T_RO, slip, covariance, self._learned(dt, model))
+
+    def _learned(self, dt: float, model: SlipModel) -> float:
+        """The variance, on its way to the second moment of slip that is believed in. That is the step of expectation maximisation
+        (Shumway & Stoffer 1982) as it comes, forgetting; it stands still where the slip cannot be seen."""
+        if model.learning_s <= 0.0:
+            return model.sigma**2
+        slip, P = self.slip, self.covariance
+        moment = 0.5 * float(slip[0] * slip[0] + slip[1] * slip[1] + P[6, 6] + P[7, 7])
+        learned = self.variance - math.expm1(-dt / model.learning_s) * (moment - self.variance)
+        return min(max(learned, (_LEAST * model.sigma) ** 2), (_MOST * model.sigma) ** 2)
 
     def measured(
         self, T_OE: Matrix, pose: PlatformPose, position: Vector, rotation: Vector, model: SlipModel
@@ -93,7 +112,7 @@ class Estimate:
         T_RO, slip, covariance, taken = _take_in(
             self.T_RO, self.slip, self.covariance, T_OE, *pose, position, rotation, *_variances(model)
         )
-        return (Estimate(T_RO, slip, covariance), Verdict.TAKEN) if taken else (self, Verdict.REJECTED)
+        return (Estimate(T_RO, slip, covariance, self.variance), Verdict.TAKEN) if taken else (self, Verdict.REJECTED)
 
 
 def _variances(model: SlipModel) -> tuple[float, float]:
@@ -195,7 +214,7 @@ def _propagate(
     heading_after: float,
     dt: float,
     track: float,
-    sigma: float,
+    variance: float,
     tau: float,
 ) -> tuple[Matrix, Vector, Matrix]:
     """One step of odometry: the frame moves by what slip took, slip dies away, the covariance grows."""
@@ -240,7 +259,7 @@ def _propagate(
         grown[i, i] += _POSITION_WALK * _POSITION_WALK * dt
         grown[3 + i, 3 + i] += _ROTATION_WALK * _ROTATION_WALK * dt
         if i < 2:
-            grown[6 + i, 6 + i] += sigma * sigma * (1.0 - decay * decay)
+            grown[6 + i, 6 + i] += variance * (1.0 - decay * decay)
     return moved, decay * slip, grown
 
 

@@ -197,9 +197,9 @@ class Planner:
             platform = PlatformCommand(state.rate)
             if due:
                 # A platform that drove on while the path waits for the arm would tear the arm along.
-                wanted, slow = patience * command.twist, patience * command.slow
+                wanted, slow = command.twist, command.slow
                 if unified:
-                    wanted += deviation
+                    wanted = wanted + deviation
                 path, arm, platform = self._whole_robot(state, model, wanted, slow, fade, parameters, standing)
         if arm is None or not unified:
             arm = self.coordinator.arm_cycle(model, following, state.dq, fade, parameters, standing)

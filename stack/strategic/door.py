@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from stack.kinematics.se3 import rotation_log
 from stack.messages import Matrix, Vector
 from stack.strategic.door_identification import Hinge, Identification, Prior
 from stack.strategic.force_guidance import Admittance, AdmittanceState, Pair, admit, without_weight
@@ -74,13 +75,15 @@ class DoorGuess:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DoorState:
-    """What is believed of the door, the virtual mass in the door's axes (tangent, outward, axis), `start` (3,) where the handle was,
-    `speed` (m/s) asked for, `angle` (rad) so far; `across` (N) the largest force across since the radius is known; `waiting_s` without
-    progress, `deaf_s` without a force."""
+    """What is believed of the door, and the virtual mass in the door's axes (along, outward, axis). `start` (3,): where the handle was,
+    `rotation` (3, 3) how the hand was turned there. `speed` (m/s) asked for, `angle` (rad) so far, `furthest` (rad) it has come; `known`
+    whether the radius is, `across` (N) the largest force across since then. `waiting_s` without progress, `deaf_s` without a force.
+    """
 
     identification: Identification
     admittance: AdmittanceState
     start: Vector
+    rotation: Matrix
     speed: float = 0.0
     angle: float = 0.0
     known: bool = False
@@ -105,7 +108,9 @@ class PullDoor:
             return None
         handle = inputs.X_RE[:3, 3].copy()
         hinge = self.guess.hinge(handle)
-        return DoorState(Identification.starting(hinge, self.prior), AdmittanceState.at_rest(), handle)
+        return DoorState(
+            Identification.starting(hinge, self.prior), AdmittanceState.at_rest(), handle, inputs.X_RE[:3, :3].copy()
+        )
 
     def step(self, state: DoorState | None, inputs: MotionInputs) -> tuple[DoorState | None, MotionOutputs]:
         if state is None or inputs.X_RE is None:
@@ -157,8 +162,7 @@ class PullDoor:
                 failure=f"the door is stuck at {np.degrees(state.angle):.1f} degrees with {said}"
             )
         speed = self._speed(state, across)
-        turning = pull.follow * np.sign(pull.angle) * speed / hinge.radius
-        wanted = np.array([speed, 0.0, 0.0, 0.0, 0.0, turning])
+        wanted = np.concatenate([[speed, 0.0, 0.0], door.T @ self._turning(state, rotation)])
         law = replace(self.law, tool=None)
         mass, twist = admit(law, state.admittance, felt, np.eye(3), scale, CYCLE_S, wanted)
         state = replace(
@@ -166,6 +170,14 @@ class PullDoor:
         )
         back = rotation.T @ door
         return state, MotionOutputs(np.concatenate([back @ twist[:3], back @ twist[3:]]))
+
+    def _turning(self, state: DoorState, rotation: Matrix) -> Vector:
+        """Angular velocity (3,), reference frame, of a hand that makes its share of the door's turn; what it has turned too far or
+        about a wrong axis, while the hinge was not known, is taken back."""
+        hinge, share = state.identification.hinge, self.pull.follow * np.sign(self.pull.angle)
+        behind = share * state.angle * hinge.axis - rotation_log(rotation @ state.rotation.T)
+        turning: Vector = share * state.speed / hinge.radius * hinge.axis + TURNING_GAIN * behind
+        return turning
 
     def _speed(self, state: DoorState, across: float) -> float:
         """The handle's speed for the coming cycle: slower where little is known, where it strains, and towards the end."""
@@ -188,6 +200,8 @@ def _summary(state: DoorState) -> str:
 
 
 ANGLE_TOLERANCE = 0.002
+TURNING_GAIN = 1.0
+"""1/s"""
 PROGRESS = 0.003
 """rad: what counts as progress of the door."""
 LAST_SPEED = 0.01

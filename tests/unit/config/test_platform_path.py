@@ -9,7 +9,10 @@ from config.load import load_scenario
 from config.mission import build_mission
 from config.platform_path import path_writes
 from config.scenario import Scenario
+from stack.kinematics import ArmModel
 from stack.planner.platform_path import CirclePath, LinePath, SplinePath
+
+ARM = ArmModel.load("moma8")
 
 BODY = """
 name = "t"
@@ -62,9 +65,9 @@ def test_a_spline_has_its_waypoints_written(scenario) -> None:
 
 
 def test_the_mission_writes_it_unless_it_is_not_to_be_followed(scenario) -> None:
-    followed = build_mission(scenario('kind = "circle"\nradius_m = 0.6'), 8)
+    followed = build_mission(scenario('kind = "circle"\nradius_m = 0.6'), ARM)
     assert (0x2016, 1) in [(write.index, write.subindex) for write in followed.initial_writes]
-    free = build_mission(scenario('kind = "circle"\nradius_m = 0.6\nfollow = false'), 8)
+    free = build_mission(scenario('kind = "circle"\nradius_m = 0.6\nfollow = false'), ARM)
     assert not [write for write in free.initial_writes if write.index == 0x2016]
 
 

@@ -43,7 +43,7 @@ def tcp_error(drift: DriftEstimate, moment: Moment) -> float:
 def test_constant_slip_is_found_without_bias(left: float, right: float) -> None:
     """By a model that lets slip last; one that expects it to die away within half a second stays a little behind."""
     largest = max(abs(left), abs(right))
-    drift, moment = follow(driving(200, constant(left, right)), SlipModel(0.0, 0.0, 0.05, 100.0))
+    drift, moment = follow(driving(200, constant(left, right)), SlipModel(0.0, 0.0, 0.05, 100.0, 0.0))
     np.testing.assert_allclose(drift.slip, (left, right), atol=0.003 * largest)
     assert tcp_error(drift, moment) < 1e-5
     drift, moment = follow(driving(200, constant(left, right)), QUIET)
@@ -53,7 +53,7 @@ def test_constant_slip_is_found_without_bias(left: float, right: float) -> None:
 
 def test_with_noise_constant_slip_is_right_on_average() -> None:
     """A model that expects slip to last takes in all of a long run."""
-    model, random = SlipModel(tau_s=100.0, sigma=0.05), np.random.default_rng(5)
+    model, random = SlipModel(tau_s=100.0, sigma=0.05, learning_s=0.0), np.random.default_rng(5)
     found = [
         follow(driving(300, constant(0.02, -0.01)), model, lambda _, m: noisy(m.TCP, model, random))[0].slip
         for _ in range(12)
@@ -241,13 +241,37 @@ def test_an_arc_is_found_again_from_its_ends(way: float, turn: float, heading: f
     assert arc_between(*start, *advance(start, way, turn)) == pytest.approx((way, turn), abs=1e-9)
 
 
+@pytest.mark.parametrize(("true", "begin"), [(0.04, 0.01), (0.01, 0.03)])
+def test_how_much_the_wheels_slip_is_learned(true: float, begin: float) -> None:
+    random, model = np.random.default_rng(2), SlipModel(sigma=begin, learning_s=5.0)
+    slip = wandering(SlipModel(sigma=true), random, 40_010, PERIOD / 10)
+    drift, _ = follow(driving(4000, slip), model, lambda k, m: noisy(m.TCP, model, random) if k % 2 else None)
+    learned = math.sqrt(drift.now.variance)
+    assert abs(learned - true) < 0.5 * abs(begin - true)
+
+
+def test_what_was_learned_stays_while_the_robot_stands() -> None:
+    model = SlipModel(sigma=0.03)
+    drift, _ = follow(driving(1000, constant(0.0, 0.0), 0.0, 0.0), model)
+    assert math.sqrt(drift.now.variance) == pytest.approx(0.03, rel=1e-3)
+
+
+def test_what_is_learned_is_bounded_and_can_be_switched_off() -> None:
+    calm = follow(driving(3000, constant(0.0, 0.0)), SlipModel(0.0, 0.0, learning_s=0.5))[0]
+    wild = follow(driving(600, constant(0.3, -0.3)), SlipModel(0.0, 0.0, learning_s=0.5))[0]
+    fixed = follow(driving(600, constant(0.3, -0.3)), SlipModel(0.0, 0.0, learning_s=0.0))[0]
+    assert math.sqrt(calm.now.variance) == pytest.approx(0.002)
+    assert math.sqrt(wild.now.variance) == pytest.approx(0.06)
+    assert math.sqrt(fixed.now.variance) == pytest.approx(0.01)
+
+
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=64)
 POSES = st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-60.0, 60.0))
 
 
 @given(
     st.lists(st.tuples(POSES, arrays(float, 6, elements=ANYTHING), st.integers(0, 10**9), st.booleans()), max_size=12),
-    st.sampled_from([QUIET, NOISY, SlipModel(sigma=0.0), SlipModel(1.0, 1.0, 10.0, 1e-3)]),
+    st.sampled_from([QUIET, NOISY, SlipModel(sigma=0.0), SlipModel(1.0, 1.0, 1.0, 1e-2, 1e-3)]),
 )
 @settings(max_examples=150)
 def test_whatever_comes_the_estimate_is_finite_and_bounded(cycles: list, model: SlipModel) -> None:
