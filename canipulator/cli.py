@@ -87,7 +87,9 @@ def list_scenarios() -> None:
     type=click.Choice(["minimal", "full"]),
     help="How much the recording holds; minimal: robot, paths, error, platform, joints, states, events [default: full].",
 )
-@click.option("--view", is_flag=True, help="Shows the run in a Rerun viewer while it goes on (one that is open, or its own).")
+@click.option(
+    "--view", is_flag=True, help="Shows the run in a Rerun viewer while it goes on (one that is open, or its own)."
+)
 @click.option(
     "--dashboard/--no-dashboard",
     default=None,

@@ -283,6 +283,8 @@ class WireRun:
         self.first = self.first or truth
         self.last = truth
         self.log.on_truth(truth)
+        for pair in self.sim.world.collisions.news():
+            self._on_event(Level.ERROR, "collision", f"{pair} touch")
         self._note_computing(truth.t_ns - self.period_ns)
 
     def _note_computing(self, t_ns: int) -> None:

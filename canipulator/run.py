@@ -26,7 +26,7 @@ from canipulator.outcome import (
     show,
 )
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
-from canipulator.surroundings import around
+from canipulator.surroundings import around, objects_off_goal
 from canipulator.warm_up import warm_up
 from config.errors import ConfigError
 from config.load import dump_scenario
@@ -100,6 +100,7 @@ class LockstepRun:
             event_log=directory / "events.log",
             detail=options.detail,
             viewer=options.viewer,
+            compact=False,  # blocks are large already, it would save a twelfth
             block_ns=BLOCK_NS if options.viewer is not None or options.served is not None else LOCKSTEP_BLOCK_NS,
         )
         self.bus.observe(self.bus_log)
@@ -194,6 +195,8 @@ class LockstepRun:
         self.first = self.first or truth
         self.last = truth
         self.log.on_truth(truth)
+        for pair in self.sim.world.collisions.news():
+            self._on_event(Level.ERROR, "collision", f"{pair} touch")
         self._note_computing(now_ns - self.period_ns)
         self.clock.call_at(now_ns + self.period_ns, self._sample, priority=5)
 
@@ -267,6 +270,10 @@ class LockstepRun:
             float(np.hypot(*moved)),
             float(self.injector.injected if self.injector is not None else 0),
             float(self.injector.dropped if self.injector is not None else 0),
+            float(self.sim.world.collisions.ticks),
+            objects_off_goal(self.scenario, self.last),
+            self.strategic.found.get("door_radius_found_m"),
+            self.strategic.found.get("door_axis_tilt_found_rad"),
         )
         return dict(zip(OWN_METRICS, values, strict=True))
 
@@ -278,9 +285,14 @@ OWN_METRICS = (
     "platform_return_error_m",
     "faults_injected",
     "frames_dropped_by_faults",
+    "collisions",
+    "object_goal_error_max_m",
+    "door_radius_found_m",
+    "door_axis_tilt_found_rad",
 )
 """Metrics of lockstep runs beside those of `logs.metrics`: share of the commanded way that was let through, cycles without
-feedback from every drive, distance of the platform at the end from where it began, 1 for a mission that came to its end."""
+feedback from every drive, distance of the platform at the end from where it began, 1 for a mission that came to its end; ticks of the
+physics (1 ms) with an unwanted contact of the robot: two of its own parts, or one of them and the floor, a table, a door."""
 
 
 def run_info(scenario: Scenario) -> RunInfo:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
+
 from config.scenario import Scenario
 from config.surroundings import (
     DOOR_DEFAULTS,
@@ -22,6 +24,7 @@ from sim.gripper import GripperParameters
 from sim.obstacles import ObjectParameters, ObjectShape, Obstacle
 from sim.person import HandPath, PersonParameters, Wandering, Waypoints
 from sim.surroundings import SurroundingsParameters
+from stack.messages import Truth
 
 
 def surroundings(scenario: Scenario) -> SurroundingsParameters:
@@ -97,7 +100,7 @@ def _door(table: DoorTable) -> DoorParameters:
 
 def _person(table: PersonTable, seed: int) -> PersonParameters:
     path: HandPath
-    if table.waypoints is not None:
+    if table.waypoints is not None and table.path != "random":
         path = Waypoints([row[0] for row in table.waypoints], [row[1:] for row in table.waypoints])
     else:
         assert table.wander is not None
@@ -124,3 +127,17 @@ def _object(table: ObjectTable) -> ObjectParameters:
 def _gripper(table: GripperTable) -> GripperParameters:
     pads = PadParameters(table.stiffness_n_m, table.turning_stiffness_nm_rad, strength=table.strength_n)
     return GripperParameters(table.closing_s, table.reach_m, pads)
+
+
+def objects_off_goal(scenario: Scenario, last: Truth) -> float | None:
+    """The largest distance (m) of an object's underside from its goal at the end of a run; None where no object has one."""
+    goals = [(i, thing) for i, thing in enumerate(scenario.object) if thing.goal_m is not None]
+    if not goals or last.body_poses is None:
+        return None
+    first = 0 if scenario.door is None else 1  # the door comes before the objects
+    worst = 0.0
+    for i, thing in goals:
+        pose = last.body_poses[first + i]
+        underside = pose[:3, 3] - 0.5 * thing.size_m[2] * pose[:3, 2]
+        worst = max(worst, float(np.linalg.norm(underside - np.array(thing.goal_m))))
+    return worst

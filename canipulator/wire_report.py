@@ -67,6 +67,7 @@ def _own_metrics(run: WireRun) -> dict[str, float | None]:
         "path_progress": None if planner is None else planner.path_progress,
         "incomplete_cycles": None if planner is None else float(planner.incomplete_cycles),
         "platform_return_error_m": float(np.hypot(*moved)),
+        "collisions": None if run.sim is None else float(run.sim.world.collisions.ticks),
         **_lateness(run),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from config.guidance import GuidanceTable, guide, pull_door
 from config.platform_path import path_writes
 from config.reaching import point_to_point, reach
 from config.scenario import PreferenceTable, Scenario, StepTable
+from config.surroundings import FurnitureTable, WallTable
 from drivers.tables import planner as table
 from drivers.tables import slip as slip_table
 from stack.kinematics.arm import ArmModel
@@ -60,7 +61,23 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
     steps = tuple(_step(step, arm, choose, f"{scenario.name}: step {i}") for i, step in enumerate(scenario.step))
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
-    return Mission(steps, choices + preferences + tuple(path_writes(scenario.platform_path)))
+    around = tuple(_obstacles(scenario)) if planner.collision_avoidance else ()
+    return Mission(steps, choices + preferences + around + tuple(path_writes(scenario.platform_path)))
+
+
+def _obstacles(scenario: Scenario) -> Iterator[ParameterWrite]:
+    """Tables and walls as boxes for the planner to keep clear of. Raises ConfigError for more than it has room for."""
+    standing: Sequence[FurnitureTable | WallTable] = (*scenario.table, *scenario.wall)
+    if len(standing) > len(table.OBSTACLES):
+        raise ConfigError(
+            f"{scenario.name}: {len(standing)} tables and walls, the planner keeps clear of at most {len(table.OBSTACLES)}; "
+            "leave some out, or set planner.collision_avoidance = false"
+        )
+    for index, thing in zip(table.OBSTACLES, standing, strict=False):
+        x, y = thing.position_m
+        length, width, height = thing.size_m
+        for i, value in enumerate((x, y, 0.5 * height, length, width, height, thing.heading_rad), start=1):
+            yield ParameterWrite(index, i, value)
 
 
 def _slip_writes(scenario: Scenario) -> Iterator[ParameterWrite]:

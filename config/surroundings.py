@@ -71,7 +71,7 @@ class WanderTable(Table):
 
 class PersonTable(Table):
     """A hand that leads the gripper, by a spring and damper of limited force. Its way is either `waypoints`, rows of t (s), x, y, z (m,
-    world axes, from where it gripped), or `wander`."""
+    world axes, from where it gripped), or `wander`; where both are given, `path` says which: recorded or random."""
 
     stiffness_n_m: Annotated[float, Field(ge=10.0, le=10_000.0)] = 500.0
     damping_n_s_m: NotNegative = 20.0
@@ -80,11 +80,14 @@ class PersonTable(Table):
     lets_go_s: Positive | None = None
     waypoints: tuple[Annotated[tuple[NotNegative, Finite, Finite, Finite], Field()], ...] | None = None
     wander: WanderTable | None = None
+    path: Literal["recorded", "random"] | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> PersonTable:
-        if (self.waypoints is None) == (self.wander is None):
-            raise ValueError("a person needs either waypoints or wander")
+        if self.path is None and (self.waypoints is None) == (self.wander is None):
+            raise ValueError("a person needs either waypoints or wander, or path to choose between both")
+        if (self.path == "recorded" and self.waypoints is None) or (self.path == "random" and self.wander is None):
+            raise ValueError(f"path = {self.path!r} needs {'waypoints' if self.path == 'recorded' else 'wander'}")
         if self.waypoints is not None:
             times = [row[0] for row in self.waypoints]
             if len(times) < 2 or any(b <= a for a, b in itertools.pairwise(times)):
@@ -120,7 +123,8 @@ class WallTable(Table):
 
 
 class ObjectTable(Table):
-    """Something that a gripper can take: `size_m` (a cylinder: diameter, diameter, height), `position_m` of the middle of its underside."""
+    """Something that a gripper can take: `size_m` (a cylinder: diameter, diameter, height), `position_m` of the middle of its underside;
+    `goal_m`: where that shall be at the end, for the metric `object_goal_error_max_m`."""
 
     name: str
     shape: Literal["box", "cylinder"] = "box"
@@ -129,6 +133,7 @@ class ObjectTable(Table):
     heading_rad: Finite = 0.0
     mass_kg: Positive = 0.3
     friction: NotNegative = 0.6
+    goal_m: Vector3 | None = None
 
     @model_validator(mode="after")
     def _round(self) -> ObjectTable:

@@ -78,6 +78,11 @@ def limit_change(value: int, last: int, most: int) -> tuple[int, bool]:
     return limit(value, last - most, last + most)
 
 
+def wrapped(difference: int) -> int:
+    """A difference of two positions of 32 bits, the short way round: an axis without limits may turn on past their end."""
+    return (difference + (1 << 31)) % (1 << 32) - (1 << 31)
+
+
 class Counts:
     """How often each reason was found."""
 
@@ -139,7 +144,7 @@ class SetPointGate:
             if self._sync_ns is None or t_ns - self._sync_ns < OVERDUE * limits.period_ns:
                 return None, self.counts.note(Reason.RATE)
             periods += 1  # a SYNC got lost in between
-        if limits.jump is not None and abs(target - self._last) > limits.jump * periods:
+        if limits.jump is not None and abs(wrapped(target - self._last)) > limits.jump * periods:
             return None, self.counts.note(Reason.JUMP)
         target, limited = limit(target, limits.lower, limits.upper)
         if limits.bend is not None and self._step is not None and periods == 1:
@@ -147,7 +152,7 @@ class SetPointGate:
             limited = limited or bent
         offset, clipped = limit(offset, -limits.offset, limits.offset)
         offset, slowed = limit_change(offset, self._offset, limits.offset_change * periods)
-        self._step = target - self._last if periods == 1 else None
+        self._step = wrapped(target - self._last) if periods == 1 else None
         self._last, self._offset, self._taken = target, offset, data
         if limited or clipped or slowed:
             return SET_POINT.pack(word, target, offset), self.counts.note(Reason.LIMITED)
@@ -184,28 +189,28 @@ class CounterGate:
         return None
 
 
-class PositionGate:
-    """Positions in space (m): none is further from the last one than what it moves at most could have got."""
+class FeedbackGate:
+    """Positions that a drive says (32 bits of its wire): none is further from the last one than the axis could have got."""
 
-    __slots__ = ("_behind", "_last", "_t_ns", "counts", "slack_m", "speed_m_s")
+    __slots__ = ("_behind", "_last", "_t_ns", "counts", "jump", "period_ns")
 
-    def __init__(self, speed_m_s: float, slack_m: float) -> None:
-        self.speed_m_s = speed_m_s
-        self.slack_m = slack_m
+    def __init__(self, jump: int, period_ns: int) -> None:
+        """`jump`: most change in a period of `period_ns`."""
+        self.jump = jump
+        self.period_ns = period_ns
         self.counts = Counts()
-        self._last: tuple[float, float, float] | None = None
+        self._last: int | None = None
         self._t_ns = 0
         self._behind = 0
 
-    def judge(self, x: float, y: float, z: float, t_ns: int) -> Reason | None:
-        """None: it may be. After `MOST_BEHIND` refusals on end it is taken: what is seen has been moved."""
+    def judge(self, position: int, t_ns: int) -> Reason | None:
+        """None: it may be. After `MOST_BEHIND` refusals on end it is taken: the axis was moved, or its encoder set anew."""
         if self._last is not None and self._behind < MOST_BEHIND:
-            a, b, c = self._last
-            way = ((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) ** 0.5
-            if way > self.slack_m + self.speed_m_s * (t_ns - self._t_ns) * 1e-9:
+            periods = max(1, round((t_ns - self._t_ns) / self.period_ns))
+            if abs(wrapped(position - self._last)) > self.jump * periods:
                 self._behind += 1
                 return self.counts.note(Reason.JUMP)
-        self._last, self._t_ns, self._behind = (x, y, z), t_ns, 0
+        self._last, self._t_ns, self._behind = position, t_ns, 0
         return None
 
 

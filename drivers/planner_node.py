@@ -18,6 +18,7 @@ from drivers.canopen.nmt import ERROR_CONTROL_BASE, NMT_CAN_ID, NmtCommand, NmtS
 from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.configuration import DriveSettings
+from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE, has_gate
 from drivers.cia402.master import DriveMaster
 from drivers.cia402.phases import DriveEvent, MasterPhase
 from drivers.clock import Clock, Timer
@@ -87,7 +88,8 @@ class PlannerNode(NodeApplication):
         self._answered = 0
         self._deadline: Timer | None = None
         self._commanded = self._followed = 0.0
-        settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns)
+        gates = {device.node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for device in drives if has_gate(device)}
+        settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns, parameters=gates)
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, times, self._on_drive_event)
         self._bridge = Bridge(len(drives) - WHEELS)
         self._targets, self._efforts = np.zeros(len(drives)), np.zeros(len(drives))

@@ -14,6 +14,7 @@ from drivers.objects import Value
 from drivers.platform_path_objects import PlatformPathObjects
 from drivers.slip_watch import SlipObjects
 from drivers.tables import planner as table
+from drivers.tables.platform_path import PATH_STATE
 from stack.kinematics.proximity import Box
 from stack.kinematics.se3 import rotation_log
 from stack.messages import PlannerPhase, Vector
@@ -134,6 +135,8 @@ class PlannerObjects:
         for i in range(6):
             self._show(table.SINGULAR_VALUES, i + 1, partial(_singular_value, i))
         self._show(table.MANIPULABILITY, 1, lambda o: np.prod(o.arm.sigma))
+        for i in range(3):
+            self._show(PATH_STATE, i + 1, partial(_on_path, i))
 
     def _show(self, index: int, subindex: int, read: Callable[[PlannerOutputs], Any]) -> None:
         """Shows a number of the last cycle, 0 before the first one."""
@@ -155,6 +158,11 @@ def _position(axis: int, outputs: PlannerOutputs) -> float:
 
 def _rotation(axis: int, outputs: PlannerOutputs) -> float:
     return float(rotation_log(outputs.T_RE[:3, :3])[axis])
+
+
+def _on_path(number: int, outputs: PlannerOutputs) -> float:
+    off = outputs.path
+    return 0.0 if off is None else (off.s, off.aside, off.turn)[number]
 
 
 def _singular_value(number: int, outputs: PlannerOutputs) -> float:

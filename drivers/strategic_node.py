@@ -63,6 +63,8 @@ class StrategicNode(NodeApplication):
         self._mission = mission
         self._state = MissionState()
         self._on_event = on_event
+        self.found: dict[str, float] = {}
+        """What the steps of the mission have measured, by name."""
         self._counter = 0
         self._running = False
         self._writes_done = False
@@ -112,6 +114,7 @@ class StrategicNode(NodeApplication):
             self._rotation_RE = self._q = None
             self._run("read where the arm is", self._locate(outputs.read_joints))
         self._publish(outputs)
+        self.found.update(outputs.found)
         if outputs.event is not None:
             self._on_event(outputs.event)
 

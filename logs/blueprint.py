@@ -49,7 +49,9 @@ def view_contents(arm: ArmModel, around: Around = NOTHING) -> dict[str, tuple[st
         "Planner computes [ms]": ("cycle/computing_ms",),
         "Frames in words": ("can/**",),
         **{
-            f"Wheel {side} [rad/s]": tuple(f"wheels/velocity/{side}/{role}" for role in ("commanded", "encoder", "true"))
+            f"Wheel {side} [rad/s]": tuple(
+                f"wheels/velocity/{side}/{role}" for role in ("commanded", "encoder", "true")
+            )
             for side in WHEELS
         },
         "Singular values, arm [SI]": ("singular_values/arm",),
@@ -131,7 +133,7 @@ def blueprint(
             name=title,
             origin="/events",
             columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"]),
-            rows=rrb.TextLogRows(filter_by_log_level=levels),
+            rows=None if levels is None else rrb.TextLogRows(filter_by_log_level=levels),
         )
 
     left = rrb.Vertical(

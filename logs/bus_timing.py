@@ -56,5 +56,3 @@ def load_by_class(class_of: Ints, index: Ints, bits: np.ndarray, windows: int) -
     """(windows, len(CLASSES)) bits of each class in each window; `class_of`, `index` (n,): class and window of each frame."""
     n = len(CLASSES)
     return np.bincount(index * n + class_of, bits, windows * n).reshape(windows, n)
-
-

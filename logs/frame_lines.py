@@ -21,7 +21,7 @@ _LEFT_OUT = ("counter", "checksum")
 
 @dataclass(frozen=True, slots=True)
 class FrameLines:
-    """Lines of all frames with one identifier, `path` as `can/199 feedback of elbow`."""
+    """Lines of all frames with one identifier, `path` as `can/199_feedback_of_elbow`."""
 
     path: str
     t_ns: Ints
@@ -79,8 +79,8 @@ class FrameLineWriter:
         path = self._paths.get(can_id)
         if path is None:
             message = self._reader.read(can_id, b"" if not texts else bytes.fromhex(texts[0].split("  ")[0])).message
-            name = message.partition(" (node")[0].replace("/", " ")
-            path = f"can/{can_id:03X}" if name == f"{can_id:03X}h" else f"can/{can_id:03X} {name}"
+            name = message.partition(" (node")[0].replace(" ", "_").replace("/", "_")
+            path = f"can/{can_id:03X}" if name == f"{can_id:03X}h" else f"can/{can_id:03X}_{name}"
             self._paths[can_id] = path
         return path
 
@@ -112,5 +112,3 @@ def _level(can_id: int) -> str:
     if base == EMCY_BASE:
         return "ERROR"
     return "TRACE" if 0x180 <= can_id < 0x580 or base == ERROR_CONTROL_BASE else "DEBUG"
-
-

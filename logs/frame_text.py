@@ -41,6 +41,7 @@ class FrameReader:
     def __init__(self, devices: Iterable[DeviceDef]) -> None:
         self._devices = {device.node_id: device for device in devices}
         self._pdos: dict[int, tuple[str, tuple[Field, ...], DeviceDef]] = {}
+        self._objects: dict[int, dict[tuple[int, int], ObjectDef]] = {}
         for device in self._devices.values():
             for pdo in device.pdos:
                 if pdo.enabled:
@@ -88,13 +89,11 @@ class FrameReader:
         )
 
     def _object(self, node: int, index: int, subindex: int) -> ObjectDef | None:
-        device = self._devices.get(node)
-        if device is None:
-            return None
-        try:
-            return device.object(index, subindex)
-        except KeyError:
-            return None
+        if node not in self._objects:
+            device = self._devices.get(node)
+            entries = () if device is None else device.objects
+            self._objects[node] = {(entry.index, entry.subindex): entry for entry in entries}
+        return self._objects[node].get((index, subindex))
 
     def _node(self, node: int) -> str:
         return "all nodes" if node == 0 else _title(self._devices[node]) if node in self._devices else f"node {node}"

@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from logs.around import around_metrics
 from logs.expectations import Expectation, Verdict, judge
-from logs.path_metrics import acceleration_steps, driven_distances, largest_distance_to_curve, platform_path_deviation
+from logs.path_metrics import (
+    acceleration_steps,
+    driven_distances,
+    largest_distance_to_curve,
+    platform_path_deviation,
+    standing_s,
+)
 from logs.signals import Signal, SignalTable
 from logs.steady import steady_rows
 from stack.kinematics import ArmModel
@@ -222,7 +228,7 @@ def evaluate(table: SignalTable, arm: ArmModel, facts: RunFacts) -> Metrics:
         dropped_blocks=facts.dropped_blocks,
         recording_mb_per_minute=_mb_per_minute(facts.recording_bytes, facts.sim_time_s),
         faults=facts.faults,
-        extra={**around_metrics(table, facts.door), **facts.extra},
+        extra={"platform_standing_s": standing_s(pose_WB), **around_metrics(table, facts.door), **facts.extra},
     )
 
 

@@ -15,6 +15,7 @@ from stack.planner.platform_path import RelativePath
 NEIGHBOURS = 50
 """Cycles before and after, of which the pieces of the commanded path count as near: half a second."""
 _MARGIN_NS = 1
+_MOVING_M_S, _STANDING_M_S = 0.02, 0.01
 
 
 def driven_distances(pose_WB: Signal | None) -> tuple[float | None, float | None]:
@@ -25,6 +26,19 @@ def driven_distances(pose_WB: Signal | None) -> tuple[float | None, float | None
     step = np.diff(pose_WB.values[:, :2, 3], axis=0)
     along = np.sum(step * 0.5 * (heading[1:] + heading[:-1]), axis=1)
     return float(along[along > 0.0].sum()), float(-along[along < 0.0].sum())
+
+
+def standing_s(pose_WB: Signal | None) -> float | None:
+    """How long (s) the platform stood still (below 10 mm/s) between its first and its last motion (above 20 mm/s); 0 if it never moved."""
+    if pose_WB is None or len(pose_WB.t_ns) < 2:
+        return None
+    step_s = np.diff(pose_WB.t_ns) * 1e-9
+    speed = np.linalg.norm(np.diff(pose_WB.values[:, :2, 3], axis=0), axis=1) / step_s
+    moving = np.flatnonzero(speed > _MOVING_M_S)
+    if not len(moving):
+        return 0.0
+    between = slice(int(moving[0]), int(moving[-1]) + 1)
+    return float(step_s[between][speed[between] < _STANDING_M_S].sum())
 
 
 def platform_path_deviation(

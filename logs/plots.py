@@ -95,9 +95,7 @@ class Plots:
         self._max_velocity = arm.dq_max
         self._padding_share = 1.0 - 2.0 * float(np.mean(self._padding / (self._upper - self._lower)))
 
-    def values(
-        self, signals: Mapping[str, Signal], only: frozenset[str] | None = None
-    ) -> Iterable[tuple[str, Signal]]:
+    def values(self, signals: Mapping[str, Signal], only: frozenset[str] | None = None) -> Iterable[tuple[str, Signal]]:
         """Entity path and values, for every plotted entity (or those in `only`) that this block has something for."""
         if only is not None:
             signals = {name: signal for name, signal in signals.items() if name in _MINIMAL_SIGNALS}

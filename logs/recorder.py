@@ -163,7 +163,9 @@ class RerunRecorder:
             self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         for lane, changes in lanes.items():
             t_ns = np.array([change.t_ns for change in changes], np.int64)
-            self._columns.columns(f"states/{lane}", t_ns, rr.StateChange.columns(state=[change.state for change in changes]))
+            self._columns.columns(
+                f"states/{lane}", t_ns, rr.StateChange.columns(state=[change.state for change in changes])
+            )
 
     def _send_events(self, events: tuple[Event, ...]) -> None:
         if events:

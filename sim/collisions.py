@@ -56,7 +56,7 @@ class Collisions:
         self._speed = OVERSPEED * _closing_speeds(physics, self._links, self._pairs)
         self._fall = OVERSPEED * _closing_speeds(physics, self._links, np.array([(0, i) for i in range(1, len(chain))]))
         self._wait = 0
-        self._touching: list[str] = []
+        self._news: list[str] = []
 
     def check(self) -> None:
         """Look, where it is time to."""
@@ -65,7 +65,7 @@ class Collisions:
             return
         if self._wait > 0:
             self._wait -= 1
-            touching = []
+            touching: list[str] = []
         else:
             touching, clear_s = self._own_links()
             self._wait = min(int(clear_s / self._physics.parameters.step_s), LONGEST) - 1
@@ -74,7 +74,14 @@ class Collisions:
         if touching:
             self.ticks += 1
             for pair in sorted(set(touching)):
+                if pair not in self.pairs:
+                    self._news.append(pair)
                 self.pairs[pair] = self.pairs.get(pair, 0) + 1
+
+    def news(self) -> list[str]:
+        """Pairs that touched for the first time since the last call."""
+        news, self._news = self._news, []
+        return news
 
     def _own_links(self) -> tuple[list[str], float]:
         """Names of pairs that touch, and for how long (s) at least no other does."""
@@ -137,11 +144,12 @@ class Collisions:
 
 
 def _may_touch(first: int, second: int) -> bool:
-    """Of platform (0), tower, lift, shoulder … force sensor, gripper: neighbours and the next but one are built together."""
-    platform_and_its_tower = first == 0 and second <= 2
-    return second - first > 2 and not platform_and_its_tower
+    """Of platform (0), tower, lift, shoulder … wrist pan (8), force sensor, gripper. Neighbours and the next but one are built together,
+    or are kept apart by the limits of the joint between them; what is screwed to the wrist's last link counts as that link."""
+    return min(second, WRIST) - min(first, WRIST) > 2
 
 
+WRIST = 8
 LONGEST = 100
 """Steps without a look at most."""
 
@@ -164,7 +172,8 @@ def _closing_speeds(physics: Physics, links: list[int], pairs: Matrix) -> Vector
                 speed += physics.velocity_limit[joint] * (1.0 if slides[joint] else reach)
             reach += steps[joint - 1] if joint else 0.0
         speeds.append(speed)
-    return np.maximum(np.array(speeds), 1e-3)
+    bounded: Vector = np.maximum(speeds, 1e-3)
+    return bounded
 
 
 REACH = 0.36

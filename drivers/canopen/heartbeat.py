@@ -14,7 +14,6 @@ from drivers.clock import Clock, Timer
 from drivers.frame import Frame
 from drivers.objects import Value
 
-
 EXCUSED_TIMEOUTS = 2
 
 

@@ -7,6 +7,7 @@ from collections import deque
 
 from drivers.cia402.phases import AxisPhase, EmergencyMessage
 from drivers.cia402.states import State, state_of
+from drivers.gate import JUMP_MARGIN, FeedbackGate
 from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind
 from stack.messages import DriveFeedback
 
@@ -40,6 +41,7 @@ class AxisClient:
         "effort_scale",
         "emergencies",
         "feedback_id",
+        "feedback_gate",
         "follows_planner",
         "heard",
         "heartbeat_ns",
@@ -59,6 +61,7 @@ class AxisClient:
         "started",
         "started_ns",
         "statusword",
+        "suspected",
         "target_raw",
         "timeout_ns",
         "torque_raw",
@@ -69,7 +72,7 @@ class AxisClient:
         "velocity_scale",
     )
 
-    def __init__(self, device: DeviceDef, timeout_ns: int) -> None:
+    def __init__(self, device: DeviceDef, timeout_ns: int, sync_period_ns: int = 10_000_000) -> None:
         command = _pdo(device, PdoKind.RPDO, 1)
         if command.mapping not in COMMAND_OBJECTS:
             raise ValueError(f"{device.name}: RPDO1 maps {_names(command)}; must be 6040h, 607Ah or 60FFh, 60B2h")
@@ -103,6 +106,10 @@ class AxisClient:
         self.statusword: int | None = None
         self.position_raw = self.previous_position_raw = self.torque_raw = self.velocity_raw = 0
         self.received_ns = 0
+        self.suspected: int | None = None
+        """A statusword that cannot be, heard once: to be believed when it comes again."""
+        speed = int(_default(device, 0x607F, 0))
+        self.feedback_gate = FeedbackGate(round(JUMP_MARGIN * speed * sync_period_ns * 1e-9), sync_period_ns)
         self.velocity_ns: int | None = None
         self.missed_syncs = 0
         self.nmt_state: int | None = None
@@ -132,7 +139,10 @@ class AxisClient:
         Raises struct.error for another length than 8.
         """
         first = self.statusword is None
-        self.statusword, position, self.torque_raw = _FEEDBACK.unpack(data)
+        statusword, position, torque_raw = _FEEDBACK.unpack(data)
+        if self.follows_planner and self.feedback_gate.jump and self.feedback_gate.judge(position, now_ns) is not None:
+            return  # as good as not heard
+        self.statusword, self.torque_raw = statusword, torque_raw
         if first:
             self.position_raw = position
         self.previous_position_raw = self.position_raw

@@ -9,10 +9,18 @@ from drivers.canopen.node import CanopenNode
 from drivers.cia402.axis import COMMAND_OBJECTS
 from drivers.cia402.parameters import I32_MAX, I32_MIN, DriveParameters
 from drivers.clock import Clock
-from drivers.gate import OFFSET_SHARE, Reason, SetPointGate, SetPointLimits
+from drivers.gate import JUMP_MARGIN, OFFSET_SHARE, Reason, SetPointGate, SetPointLimits
+from drivers.objects import DeviceDef
 
 MARGIN, REFUSED, LIMITED = 0x2100, 0x2101, 0x2102
+GATE_MARGIN, GATE_MARGIN_PER_MILLE = (MARGIN, 0), round(1000 * JUMP_MARGIN)
+"""What a master that plans smooth motions writes into its drives."""
 I16_MAX = (1 << 15) - 1
+
+
+def has_gate(device: DeviceDef) -> bool:
+    """Whether a drive has the object that sets its gate up."""
+    return any(entry.key == GATE_MARGIN for entry in device.objects)
 
 
 class GateKeeper:

@@ -73,7 +73,7 @@ class DriveMaster:
         self._on_event = on_event
         self._sequencer = Sequencer(clock)
         timeout_ns = STALE_SYNCS * self.settings.sync_period_ns + self.settings.sync_period_ns // 2
-        self.axes = tuple(AxisClient(device, timeout_ns) for device in devices)
+        self.axes = tuple(AxisClient(device, timeout_ns, self.settings.sync_period_ns) for device in devices)
         self._leads = {axis.node_id: _Lead(axis, self._client(axis)) for axis in self.axes}
         if len(self._leads) != len(self.axes):
             raise ValueError(f"node ids {[axis.node_id for axis in self.axes]}: must differ")

@@ -24,6 +24,9 @@ SUPERVISED = (
 )
 """Phases in which a drive is expected to be operational and to answer every SYNC."""
 
+_EXPECTED = {AxisPhase.ENABLED: State.OPERATION_ENABLED, AxisPhase.STOPPED: State.QUICK_STOP_ACTIVE}
+"""The state that a drive has to be in when its master leaves it alone."""
+
 _EMERGENCY = struct.Struct("<HB5s")
 
 
@@ -93,6 +96,11 @@ class MasterSupervision:
         """Looks at the statusword that has just come in; only for axes in a supervised phase."""
         state = axis.state
         emergency = axis.unreported_emergency
+        expected = _EXPECTED.get(axis.phase)
+        if emergency is None and expected is not None and state is not expected and axis.suspected != axis.statusword:
+            axis.suspected = axis.statusword  # bits may turn over on the way: believed when it is said twice
+            return
+        axis.suspected = None
         if state is State.FAULT or state is State.FAULT_REACTION_ACTIVE:
             last = emergency or _last_error(axis)
             text = "no emergency message" if last is None else emergency_text(last)

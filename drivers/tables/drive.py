@@ -220,9 +220,9 @@ def _homing_objects(unit: str) -> list[ObjectDef]:
 
 def _gate_objects() -> list[ObjectDef]:
     """The safety gate before the set points (drivers/gate.py). Margin: most change of a target from SYNC to SYNC, as a multiple of what
-    the velocity limit allows; 0 switches this rule off, for masters that let targets jump and leave the way to the drive."""
+    the velocity limit allows; 0 (as shipped): any, for masters that let targets jump and leave the way there to the drive."""
     return [
-        ObjectDef(0x2100, 0, "Gate: most change of a target", U16, Access.RW, 3000, unit="velocity limit", scale=1e-3),
+        ObjectDef(0x2100, 0, "Gate: most change of a target", U16, Access.RW, 0, unit="velocity limit", scale=1e-3),
         ObjectDef(0x2101, 0, "Gate: set points refused", U32, Access.RO, 0),
         ObjectDef(0x2102, 0, "Gate: set points limited", U32, Access.RO, 0),
     ]

@@ -1,4 +1,6 @@
-"""The planner's platform path as objects: what it is, and the waypoints of a spline. Writing the kind puts all of it into force."""
+"""The planner's platform path as objects: what it is, the waypoints of a spline, and where on it the platform is.
+
+Writing the kind puts all of it into force."""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from drivers.tables.communication import U8, array
 from stack.planner.platform_path import ENDLESS
 
 REAL32 = DataType.REAL32
-PLATFORM_PATH, WAYPOINTS_X, WAYPOINTS_Y = range(0x2016, 0x2019)
+PLATFORM_PATH, WAYPOINTS_X, WAYPOINTS_Y, PATH_STATE = range(0x2016, 0x201A)
 KIND, RADIUS, AHEAD, BEHIND, START_X, START_Y, START_HEADING, WAYPOINTS = range(1, 9)
 """Sub-indices of 2016h."""
 MOST_WAYPOINTS = 16
@@ -25,7 +27,7 @@ class PathKind(IntEnum):
 
 
 def platform_path_objects() -> list[ObjectDef]:
-    """2016h … 2018h. A path ahead or behind of `ENDLESS` metres has no end."""
+    """2016h … 2019h. A path ahead or behind of `ENDLESS` metres has no end."""
     record = (
         ObjectDef(PLATFORM_PATH, KIND, "kind", U8, Access.RW, PathKind.NONE, low=0, high=max(PathKind)),
         ObjectDef(PLATFORM_PATH, RADIUS, "radius", REAL32, Access.RW, 1.0, unit="m"),
@@ -42,4 +44,5 @@ def platform_path_objects() -> list[ObjectDef]:
         *record,
         *array(WAYPOINTS_X, "Platform path: waypoints x", names, REAL32, unit="m"),
         *array(WAYPOINTS_Y, "Platform path: waypoints y", names, REAL32, unit="m"),
+        *array(PATH_STATE, "Platform path: state", ("s", "aside", "turn"), REAL32, access=Access.RO),
     ]

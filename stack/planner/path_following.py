@@ -44,11 +44,12 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathFollower:
-    """Which path is followed, where its frame lies in R, and how far along the platform is."""
+    """Which path is followed, where its frame lies in R, and how far along the platform is; `off`: what `at` found last."""
 
     given: RelativePath | None = None
     origin: PlatformPose = PlatformPose(0.0, 0.0, 0.0)
     s: float = 0.0
+    off: Deviation | None = None
 
     def following(self, given: RelativePath, pose: PlatformPose) -> PathFollower:
         """Itself if `given` is what it follows already; otherwise a new one, placed where the platform stands: `pose`, in R."""
@@ -60,7 +61,7 @@ class PathFollower:
 
     def moved(self, T: Matrix) -> PathFollower:
         """After the reference frame was placed anew: T (4, 4) carries what lay in the old one into the new."""
-        return PathFollower(self.given, in_reference(T, self.origin), self.s)
+        return PathFollower(self.given, in_reference(T, self.origin), self.s, self.off)
 
     def at(self, pose: PlatformPose) -> tuple[PathFollower, Deviation]:
         """Where the platform at `pose` (in R) is on its path."""
@@ -73,7 +74,7 @@ class PathFollower:
         dx, dy = x - point.x, y - point.y
         turn = math.remainder(heading - point.heading, 2.0 * math.pi)
         deviation = Deviation(s, point, cosine * dy - sine * dx, turn, cosine * dx + sine * dy)
-        return PathFollower(self.given, self.origin, s), deviation
+        return PathFollower(self.given, self.origin, s, deviation), deviation
 
 
 def in_reference(T_RO: Matrix, pose: PlatformPose) -> PlatformPose:

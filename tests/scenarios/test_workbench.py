@@ -1,10 +1,15 @@
 """The platform bound to a circle while the hand traces two edges at a right angle."""
 
+import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from canipulator.run import Outcome
+from canipulator.run import LockstepRun, Outcome, RunOptions
+from config.load import load_scenario
+from config.robot import load_robot
+from config.scenario import Scenario
 from tests.scenarios.conftest import Runner, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("workbench")]
@@ -108,3 +113,23 @@ def test_a_spline_is_kept_as_well_in_both_directions(runner: Runner, tmp_path: P
     assert outcome.metrics["platform_distance_backward_m"] > 0.6
     assert outcome.metrics["tcp_path_error_max_m"] < 0.004
     assert outcome.metrics["limit_violations"] == {"position": 0, "velocity": 0}
+
+
+def test_where_the_platform_is_on_its_path_can_be_read_in_mid_motion(tmp_path: Path) -> None:
+    scenario = load_scenario("workbench")
+    assert isinstance(scenario, Scenario)
+    with LockstepRun(scenario, load_robot("moma8"), RunOptions(record=False, quiet=True), tmp_path) as going:
+        answers: list[bytes] = []
+        port = going.bus.attach("stranger", [0x582], lambda frame: answers.append(frame.data))
+        going.power_on()
+        going.clock.run_until(6_000_000_000)
+        start, here = going.first.pose_WB, going.sim.world.truth(0).pose_WB
+        answers.clear()  # of what the mission wrote
+        for subindex in (1, 2, 3):
+            port.send(0x602, bytes.fromhex(f"40 19 20 0{subindex} 00 00 00 00"))
+            going.clock.run_until(going.clock.now_ns() + 10_000_000)
+        s, aside, turn = (struct.unpack("<f", answer[4:])[0] for answer in answers)
+    driven = 0.6 * np.arctan2(here[1, 0], here[0, 0]) - 0.6 * np.arctan2(start[1, 0], start[0, 0])
+    assert 0.1 < driven < s < driven + 0.03, "seen ahead: where it will be when the wheels have obeyed"
+    assert abs(aside) < 0.002
+    assert abs(turn) < 0.02

@@ -50,7 +50,7 @@ def recorded(run: Motion, tmp_path_factory: pytest.TempPathFactory) -> Path:
         event_log=folder / "events.log",
         compact=False,
     )
-    play(run, log.on_frame, log.on_truth)
+    play(run, log.on_frame, log.on_truth, log.on_timing)
     log.close()
     assert log.recorder_fault is None
     return folder

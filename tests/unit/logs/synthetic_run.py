@@ -174,11 +174,17 @@ class Wire:
             yield from MISSION.encode(MissionCommand(mode, 1 if k >= MOTION_STARTS else 0, (k // 2) % 256))[0]
 
 
-def play(run: Motion, on_frame: Callable[[Frame], None], on_truth: Callable[[Truth], None]) -> int:
+def play(
+    run: Motion,
+    on_frame: Callable[[Frame], None],
+    on_truth: Callable[[Truth], None],
+    on_timing: Callable[[int, int], None] = lambda t_ns, computing_ns: None,
+) -> int:
     """Feeds a whole motion to a log, cycle by cycle; returns the number of frames."""
     wire, frames = Wire(run), 0
     for k, truth in enumerate(run.truths):
         on_truth(truth)
+        on_timing(truth.t_ns, 400_000 + 1000 * k)
         for frame in wire.cycle(k):
             on_frame(frame)
             frames += 1
