@@ -1,4 +1,4 @@
-"""Commands that look at finished runs: replay, compare, metrics, plot."""
+"""Commands that look at finished runs: replay, compare, metrics, plot, why."""
 
 from __future__ import annotations
 
@@ -131,4 +131,30 @@ def plot(run_dirs: tuple[Path, ...], out: Path | None) -> None:
         click.echo(path)
 
 
-COMMANDS = (replay, compare, metrics, plot)
+@click.command()
+@click.argument("run_dir", metavar="RUN", type=RUN)
+def why(run_dir: Path) -> None:
+    """Say why RUN (its directory, or the .rrd file) stopped, from its recording alone.
+
+    What came first and whom it befell, how the robot stood just before, the events around it, and what followed. Exit code 0 for a run
+    that did not stop before its time, 1 for one that did.
+    """
+    from config.errors import ConfigError
+    from logs.optimise import optimise
+    from logs.story import tell
+    from logs.viewer import is_torn
+
+    path = run_dir / "run.rrd" if run_dir.is_dir() else run_dir
+    if not path.is_file():
+        raise ConfigError(f"{path}: no recording there (a run with --no-rerun has none)")
+    if is_torn(path):
+        optimise(path)
+    try:
+        story = tell(path)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    click.echo(story.text())
+    raise SystemExit(0 if story.stopped_ns is None else 1)
+
+
+COMMANDS = (replay, compare, metrics, plot, why)

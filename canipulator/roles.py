@@ -22,6 +22,7 @@ from drivers.sensor_node import ForceSensorNode, TrackerNode
 from drivers.strategic_node import StrategicNode
 from logs.events import Level
 from sim.faults import Breakable, FaultyCamera, FaultyPlant, FaultyReading
+from sim.force_sensor import Compensation, ForceSensorParameters
 from sim.physics import PhysicsParameters
 from sim.slip import SlipParameters
 from sim.tracker import Tracker, TrackerParameters
@@ -90,6 +91,7 @@ def simulated_robot(
         ),
         surroundings=around,
         slip=SlipParameters(sigma=scenario.slip.sigma, tau_s=scenario.slip.tau_s),
+        force_sensor=_force_sensor(scenario),
         home=tuple(start.configuration if start.configuration is not None else robot.arm.home),
         start=(start.x_m, start.y_m, start.heading_rad),
     )
@@ -107,6 +109,13 @@ def simulated_robot(
     gripper = GripperNode(devices[GRIPPER_ID], clock, bus, world.surroundings.gripper)
     tracker = _tracker(robot, scenario, world, clock, bus, parts) if scenario.feedback.rate_hz > 0.0 else None
     return SimulatedRobot(world, bank, drives, sensor, gripper, tracker, clock, parts)
+
+
+def _force_sensor(scenario: Scenario) -> ForceSensorParameters:
+    table = scenario.force_sensor
+    if table is None:
+        return ForceSensorParameters()
+    return ForceSensorParameters(table.force_noise_n, table.torque_noise_nm, Compensation(table.compensation))
 
 
 def _force_reading(world: World) -> Callable[[], Vector]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -22,6 +22,15 @@ class ToolTable(Table):
     centre_m: Vector3 = (0.0, 0.0, 0.0)
 
 
+class ForceSensorTable(Table):
+    """The force/torque sensor: what its electronics take off the reading, `none`, the tool's `weight`, or weight and inertia (`motion`);
+    its white noise from reading to reading."""
+
+    compensation: Literal["none", "weight", "motion"] = "weight"
+    force_noise_n: NotNegative = 0.05
+    torque_noise_nm: NotNegative = 0.002
+
+
 class GuidanceTable(Table):
     """An admittance of the TCP (see stack.strategic.force_guidance); unset keys keep the law's own numbers.
 
@@ -37,7 +46,7 @@ class GuidanceTable(Table):
     turning: bool = False
     lead_s: NotNegative = 0.08
     filter_s: NotNegative = 0.0
-    dead_band_n: NotNegative = 1.0
+    dead_band_n: NotNegative = 0.5
     dead_band_nm: NotNegative = 0.05
     saturation_n: Positive = 60.0
     saturation_nm: Positive = 6.0

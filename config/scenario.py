@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from config.faults import FaultTable
-from config.guidance import DoorStepTable, GuidanceTable
+from config.guidance import DoorStepTable, ForceSensorTable, GuidanceTable
 from config.platform_path import PlatformPathTable
 from config.reaching import GoalTable, Objective, PoseTable
 from config.surroundings import DoorTable, FurnitureTable, GripperTable, ObjectTable, PersonTable, WallTable
@@ -190,6 +190,7 @@ class Scenario(Table):
     bus: BusTable = BusTable()
     slip: SlipTable = SlipTable()
     feedback: FeedbackTable = FeedbackTable()
+    force_sensor: ForceSensorTable | None = None
     start: StartTable = StartTable()
     preferences: PreferenceTable = PreferenceTable()
     platform_path: PlatformPathTable | None = None

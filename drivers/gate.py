@@ -133,8 +133,9 @@ class SetPointGate:
         if len(data) != SET_POINT.size:
             return None, self.counts.note(Reason.LENGTH)
         word, target, offset = SET_POINT.unpack(data)
-        if not engaged or word & ENABLE_BITS != ENABLE or word & FAULT_RESET:
-            self._taken = None  # what takes power away is not counted as this period's set point
+        enables = word & ENABLE_BITS == ENABLE and not word & FAULT_RESET
+        if not engaged or not enables:
+            self._taken = data if enables else None  # what takes power away is no set point: one may follow it
             self.seed(target, offset)
             return data, None
         if data == self._taken:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from drivers.canopen.node import CanopenNode
@@ -11,10 +11,13 @@ from drivers.clock import Clock
 from drivers.codec import Assembler, MessageCodec
 from drivers.frame import Frame
 from drivers.frame_codec import CodecError
+from drivers.gate import CounterGate
 
 M = TypeVar("M")
 _SYNCHRONOUS_MAX = 240
 LOG_RESOLUTION_NS = 1000
+COUNTER_TIMEOUT_NS = 200_000_000
+"""A sender that was silent for this long may have begun to count anew."""
 
 
 class Publisher(Generic[M]):
@@ -68,7 +71,7 @@ class _Carrier:
 
 @dataclass(slots=True)
 class Receiver(Generic[M]):
-    """The last message of one kind. `rejected` counts frames that could not be read (length, checksum, value).
+    """The last message of one kind. `rejected` counts frames that could not be read (length, checksum, value), `gate` messages by counter.
 
     `received_ns` is rounded down to whole microseconds, as logs are: what follows from it can be replayed from a log bit for bit.
     """
@@ -78,6 +81,7 @@ class Receiver(Generic[M]):
     message: M | None = None
     received_ns: int = 0
     rejected: int = 0
+    gate: CounterGate = field(default_factory=lambda: CounterGate(COUNTER_TIMEOUT_NS))
 
     def on_frame(self, frame: Frame) -> None:
         """Takes a frame of this message."""
@@ -86,7 +90,10 @@ class Receiver(Generic[M]):
         except CodecError:
             self.rejected += 1
             return
-        if message is not None:
+        if message is None:
+            return
+        # one that was repeated on its way, or overtaken, must not pass as fresh
+        if self.gate.judge(message.counter, frame.t_ns) is None:  # type: ignore[attr-defined]
             self.message = message
             self.received_ns = frame.t_ns - frame.t_ns % LOG_RESOLUTION_NS
 

@@ -95,7 +95,7 @@ class Stage:
     def target_and_eye(self) -> tuple[Vector, Vector]:
         """Where to look (3,) and from where (3,), so that all of it is in view."""
         target = 0.5 * (self.low + self.high)
-        distance = 0.85 * float(np.linalg.norm(self.high - self.low)) + 0.3
+        distance = 0.52 * float(np.linalg.norm(self.high - self.low)) + 1.1
         return target, target + distance * np.append(0.85 * self.side, 0.5)
 
 
@@ -183,7 +183,7 @@ def blueprint(
         rrb.TextLogView(
             name="Frames in words",
             origin="/can",
-            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["EntityPath", "Body"]),
+            columns=rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["Body"]),
         ),
         column_shares=[1, 1.3],
         name="Bus",

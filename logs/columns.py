@@ -82,15 +82,17 @@ class ColumnSender:
     def scalars(self, path: str, t_ns: Ints, values: NDArray[np.float64]) -> None:
         """Values (n,) or (n, m): m series of one entity."""
         flat = pa.array(np.ascontiguousarray(values, np.float64).reshape(-1))
-        lists = pa.ListArray.from_arrays(_offsets(len(t_ns), flat.__len__() // max(1, len(t_ns))), flat)
+        lists = pa.ListArray.from_arrays(_offsets(len(t_ns), len(flat) // max(1, len(t_ns))), flat)
         self.columns(path, t_ns, [_Values(_SCALARS, lists)])
 
-    def texts(self, path: str, t_ns: Ints, texts: Sequence[str], levels: Sequence[str]) -> None:
-        """Lines of a log."""
+    def texts(self, path: str, t_ns: Ints, texts: Sequence[str], levels: Sequence[str] | None = None) -> None:
+        """Lines of a log, with their levels if they have such."""
         ones = _offsets(len(t_ns), 1)
         lines = pa.ListArray.from_arrays(ones, pa.array(texts, pa.string()))
-        grades = pa.ListArray.from_arrays(ones, pa.array(levels, pa.string()))
-        self.columns(path, t_ns, [_Values(_TEXT, lines), _Values(_LEVEL, grades)])
+        columns = [_Values(_TEXT, lines)]
+        if levels is not None:
+            columns.append(_Values(_LEVEL, pa.ListArray.from_arrays(ones, pa.array(levels, pa.string()))))
+        self.columns(path, t_ns, columns)
 
     def _index(self, t_ns: Ints) -> list[_Times]:
         key = t_ns.tobytes()

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.canopen.nmt import ERROR_CONTROL_BASE
 from drivers.frame_codec import Field, fields_of
 from drivers.objects import DeviceDef, PdoDef
 from logs.frame_batch import FrameBatch, PdoLayout
-from logs.frame_text import EMCY_BASE, FrameReader
+from logs.frame_text import FrameReader
 from logs.signals import Ints
 from logs.tape import SYNC_ID
 
@@ -26,7 +25,6 @@ class FrameLines:
     path: str
     t_ns: Ints
     texts: list[str]
-    level: str = "TRACE"
 
 
 class FrameLineWriter:
@@ -40,7 +38,8 @@ class FrameLineWriter:
         for device in devices:
             for pdo in device.pdos:
                 if pdo.enabled:
-                    self._formats[pdo.cob_id & 0x7FF] = _format(device, pdo)
+                    can_id = pdo.cob_id & 0x7FF
+                    self._formats[can_id] = _format(self._title(can_id, b""), device, pdo)
 
     def lines(self, batch: FrameBatch) -> Iterator[FrameLines]:
         """The lines of a batch, one entry for each identifier."""
@@ -51,7 +50,7 @@ class FrameLineWriter:
             can_id, rows = int(ids[start]), order[start:stop]
             if can_id != SYNC_ID:
                 texts = self._texts(can_id, batch, rows)
-                yield FrameLines(self._path(can_id, texts), batch.t_ns[rows], texts, _level(can_id))
+                yield FrameLines(self._paths[can_id], batch.t_ns[rows], texts)
 
     def _texts(self, can_id: int, batch: FrameBatch, rows: Ints) -> list[str]:
         known = self._formats.get(can_id)
@@ -71,26 +70,24 @@ class FrameLineWriter:
             data = payload[:length].tobytes()
             if data not in kept:  # heartbeats say the same all the time
                 fields = ", ".join(f"{field.name} {field}" for field in self._reader.read(can_id, data).fields)
-                kept[data] = f"{data.hex().upper():<16}  {fields}"
+                kept[data] = f"{self._title(can_id, data)}  {data.hex().upper():<16}  {fields}"
             texts.append(kept[data])
         return texts
 
-    def _path(self, can_id: int, texts: list[str]) -> str:
-        path = self._paths.get(can_id)
-        if path is None:
-            message = self._reader.read(can_id, b"" if not texts else bytes.fromhex(texts[0].split("  ")[0])).message
-            name = message.partition(" (node")[0].replace(" ", "_").replace("/", "_")
-            path = f"can/{can_id:03X}" if name == f"{can_id:03X}h" else f"can/{can_id:03X}_{name}"
-            self._paths[can_id] = path
-        return path
+    def _title(self, can_id: int, data: bytes) -> str:
+        """Identifier and name of the message, as `199 feedback of elbow`; notes its path."""
+        message = self._reader.read(can_id, data).message.partition(" (node")[0]
+        title = f"{can_id:03X}" if message == f"{can_id:03X}h" else f"{can_id:03X} {message}"
+        self._paths[can_id] = "can/" + title.replace(" ", "_").replace("/", "_")
+        return title
 
 
-def _format(device: DeviceDef, pdo: PdoDef) -> tuple[PdoLayout, str, tuple[int, ...], tuple[bool, ...]]:
-    """Layout, text with place-holders for the bytes and each field, positions of those fields, which of them are codes."""
+def _format(title: str, device: DeviceDef, pdo: PdoDef) -> tuple[PdoLayout, str, tuple[int, ...], tuple[bool, ...]]:
+    """Layout, text with the title, place-holders for the bytes and each field, positions of those fields, which of them are codes."""
     layout = PdoLayout.of(device, pdo)
     shown = [(i, f) for i, f in enumerate(fields_of(device, pdo)) if f.name.lower() not in _LEFT_OUT]
     parts = [_place(field) for _, field in shown]
-    text = f"%-{2 * layout.length}s  " + ", ".join(parts)
+    text = f"{title}  %-{2 * layout.length}s  " + ", ".join(parts)
     return layout, text, tuple(i for i, _ in shown), tuple(field.name in _CODES for _, field in shown)
 
 
@@ -105,10 +102,3 @@ def _place(field: Field) -> str:
 def _hex(payload: np.ndarray) -> list[str]:
     text, width = payload.tobytes().hex().upper(), 2 * payload.shape[1]
     return [text[i : i + width] for i in range(0, len(text), width)] if width else [""] * len(payload)
-
-
-def _level(can_id: int) -> str:
-    base = can_id & ~0x7F
-    if base == EMCY_BASE:
-        return "ERROR"
-    return "TRACE" if 0x180 <= can_id < 0x580 or base == ERROR_CONTROL_BASE else "DEBUG"

@@ -51,7 +51,7 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         Series("tcp/error_mm", ("distance", "across the path"), (palette.LIMIT, palette.COMMANDED), (3.0, 1.2)),
         Series("tcp/rotation_error_mrad", ("rotation",), (palette.VIOLET,)),
         *(Series(f"joints/{name}", joints, colors) for name in per_joint),
-        Series("joints/limits", limits, limit_colors, (1.0,) * 4),
+        Series("joints/limits", ("limits, padding",) * 4, limit_colors, (1.0,) * 4),  # one entry of the legend
         *(
             Series(f"joints/each/{joint}", detail, (palette.MEASURED, palette.COMMANDED, *limit_colors))
             for joint in joints

@@ -98,7 +98,7 @@ class RerunRecorder:
         self._send_events(block.events)
         if self._frame_lines is not None and block.frames is not None:
             for line in self._frame_lines.lines(block.frames):
-                columns.texts(line.path, line.t_ns, line.texts, [line.level] * len(line.texts))
+                columns.texts(line.path, line.t_ns, line.texts)
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ from enum import Enum
 
 import numpy as np
 
+from drivers.canopen.emcy import EmcyCode
 from drivers.catalogue import DRIVE_IDS
 from drivers.cia402.states import State, state_of
 from logs.events import Event, Level
@@ -47,6 +48,13 @@ EMCY_TEXTS = {
 """Error classes by the high byte of the code (CiA 301, table 26; drives: IEC 61800-7-201)."""
 
 
+def _emcy(code: int) -> str:
+    """What an error code says: its own name where our nodes use it, else that of its class."""
+    if code in _EMCY_CODES:
+        return _text(EmcyCode(code))
+    return EMCY_TEXTS.get(code >> 8) or EMCY_TEXTS.get(code >> 8 & 0xF0) or "manufacturer's own"
+
+
 def _text(member: Enum) -> str:
     return member.name.lower().replace("_", " ")
 
@@ -73,6 +81,7 @@ def restriction_text(restrictions: int) -> str:
     return ", ".join(others + ([f"joint {'+'.join(joints)}"] if joints else [])) or "none"
 
 
+_EMCY_CODES = frozenset(EmcyCode)
 _GRAVITY = {_text(state): rank for rank, state in enumerate(_BY_GRAVITY)}
 
 
@@ -185,8 +194,7 @@ class StateDecoder:
                 if code >> 8 == 0:
                     yield Event(t_ns, Level.INFO, name, "EMCY 0000h: error reset")
                 else:
-                    text = EMCY_TEXTS.get(code >> 8) or EMCY_TEXTS.get(code >> 8 & 0xF0) or "manufacturer's own"
-                    yield Event(t_ns, Level.ERROR, name, f"EMCY {code:04X}h, register {data[2]:02X}h: {text}")
+                    yield Event(t_ns, Level.ERROR, name, f"EMCY {code:04X}h, register {data[2]:02X}h: {_emcy(code)}")
 
 
 def _event_of(change: StateChange) -> Event | None:

@@ -68,7 +68,7 @@ class Wandering:
             points.append(goal)
             times.append(here)
         points.append(np.zeros(3))
-        times.append(max(times[-1] + _stroke_s(points[-2], points[-1], speed), times[-1] + 1e-3))
+        times.append(times[-1] + _stroke_s(points[-2], points[-1], speed))
         self._points, self._times = np.array(points), np.array(times)
         self.duration = times[-1]
 
@@ -86,8 +86,11 @@ class Wandering:
 
 
 def _stroke_s(start: Vector, end: Vector, speed: float) -> float:
-    """Duration of a minimum-jerk stroke whose fastest moment is `speed`: its peak is 15/8 of its mean."""
-    return 1.875 * float(np.linalg.norm(end - start)) / speed
+    """Duration of a minimum-jerk stroke whose fastest moment is `speed`: its peak is 15/8 of its mean. Short ones take their time."""
+    return max(1.875 * float(np.linalg.norm(end - start)) / speed, SHORTEST_S)
+
+
+SHORTEST_S = 0.6
 
 
 @dataclass(frozen=True)

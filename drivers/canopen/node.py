@@ -17,6 +17,7 @@ from drivers.clock import Clock
 from drivers.frame import Frame
 from drivers.objects import DeviceDef, PdoKind, Value
 
+SYNC_PATIENCE_NS = 100_000_000
 _COMMUNICATION_AREA = (0x1000, 0x1FFF)
 _WHOLE_DICTIONARY = (0x1000, 0xFFFF)
 
@@ -52,10 +53,6 @@ class NodeApplication:
     def on_remote_state(self, node_id: int, state: int) -> None:
         """Heartbeat or boot-up message (state 0) of a watched node."""
 
-    def excuses(self, node_id: int) -> bool:
-        """Whether other frames show that this node, whose heartbeat is overdue, is there. Then it has three time-outs, not one."""
-        return False
-
 
 class CanopenNode:
     """One node. Nothing happens before `power_on`; afterwards frames and the clock drive it, no thread, no sleep.
@@ -65,6 +62,7 @@ class CanopenNode:
     """
 
     def __init__(self, device: DeviceDef, clock: Clock, bus: Bus, application: NodeApplication | None = None) -> None:
+        self._synced_ns: int | None = None
         self.device = device
         self.node_id = device.node_id
         self.clock = clock
@@ -155,6 +153,7 @@ class CanopenNode:
         self.emcy.flush()
 
     def _on_sync(self, counter: int | None) -> None:
+        self._synced_ns = self.clock.now_ns()
         if self.nmt.operational:
             stored = [pdo for pdo in self.rpdo.values() if pdo.pending is not None and pdo.store()]
             for received in stored:
@@ -179,7 +178,8 @@ class CanopenNode:
         self._lost(CommunicationLoss.HEARTBEAT)
 
     def _excuses(self, node_id: int) -> bool:
-        return self.application.excuses(node_id)
+        """Whether a node whose heartbeat is overdue may be there all the same: SYNC comes. Then it has three time-outs, not one."""
+        return self._synced_ns is not None and self.clock.now_ns() - self._synced_ns < SYNC_PATIENCE_NS
 
     def _on_remote_state(self, node_id: int, state: int) -> None:
         self.application.on_remote_state(node_id, state)

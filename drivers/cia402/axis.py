@@ -40,8 +40,8 @@ class AxisClient:
         "device",
         "effort_scale",
         "emergencies",
-        "feedback_id",
         "feedback_gate",
+        "feedback_id",
         "follows_planner",
         "heard",
         "heartbeat_ns",
@@ -132,6 +132,13 @@ class AxisClient:
     @property
     def target_scale(self) -> float:
         return self.position_scale if self.mode == MODE_CSP else self.velocity_scale
+
+    def setting(self, index: int, subindex: int, fallback: int) -> int:
+        """Value of an object as the device's definition has it, in wire units; `fallback` where there is none."""
+        try:
+            return int(self.device.object(index, subindex).default)
+        except KeyError:
+            return fallback
 
     def take_feedback(self, data: bytes, now_ns: int) -> None:
         """TPDO1. While the drive does not follow its target, the target follows the drive: enabling starts without a jump.

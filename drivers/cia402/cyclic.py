@@ -7,16 +7,31 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drivers.cia402.axis import HIGH, LOW, OFFSET_HIGH, OFFSET_LOW, AxisClient
+from drivers.cia402.axis import HIGH, LOW, MODE_CSP, OFFSET_HIGH, OFFSET_LOW, AxisClient
 from drivers.clock import Clock
+from drivers.gate import ACCELERATION_MARGIN, JUMP_MARGIN, OFFSET_SHARE, Reason, SetPointGate, SetPointLimits
 from stack.messages import DriveFeedback, Vector
 
 
 class CyclicData:
-    """(n,) arrays over `axes`, rad or m, N·m or N. `refused` counts commands that the port did not take."""
+    """(n,) arrays over `axes`, rad or m, N·m or N. `refused` counts commands that the port did not take.
 
-    def __init__(self, axes: tuple[AxisClient, ...], clock: Clock, send: Callable[[int, bytes], bool]) -> None:
+    Every command goes through a gate of its axis; one that it refuses is not sent, and `on_refusal` hears of the first of a row (two set
+    points in one period are no more than a count).
+    """
+
+    def __init__(
+        self,
+        axes: tuple[AxisClient, ...],
+        clock: Clock,
+        send: Callable[[int, bytes], bool],
+        period_ns: int,
+        on_refusal: Callable[[AxisClient, Reason], None],
+    ) -> None:
         self.refused = 0
+        self.gates = {axis.node_id: SetPointGate(sender_limits(axis, period_ns)) for axis in axes}
+        self._on_refusal = on_refusal
+        self._refusing: set[int] = set()
         self._axes = axes
         self._clock = clock
         self._send = send
@@ -26,6 +41,12 @@ class CyclicData:
         """The units of an axis may have changed."""
         self._per_target = 1.0 / np.array([axis.target_scale for axis in self._axes])
         self._per_effort = 1.0 / np.array([axis.effort_scale for axis in self._axes])
+
+    def on_sync(self) -> None:
+        """A SYNC was sent: the next set points are those of a new period."""
+        now_ns = self._clock.now_ns()
+        for gate in self.gates.values():
+            gate.on_sync(now_ns)
 
     def feedback(self) -> tuple[DriveFeedback | None, ...]:
         """Per axis what it last said; None where that is missing or too old."""
@@ -57,8 +78,16 @@ class CyclicData:
                 self.send_command(axis)
 
     def send_command(self, axis: AxisClient) -> None:
-        """RPDO1 of one axis as it is now."""
-        if self._send(axis.command_id, axis.command()):
+        """RPDO1 of one axis as it is now, as far as its gate lets it pass."""
+        data, reason = self.gates[axis.node_id].judge(axis.command(), axis.follows_planner, self._clock.now_ns())
+        if data is None:
+            if reason is not None and reason is not Reason.RATE and axis.node_id not in self._refusing:
+                self._refusing.add(axis.node_id)
+                self._on_refusal(axis, reason)
+            return
+        if reason is None:
+            self._refusing.discard(axis.node_id)
+        if self._send(axis.command_id, data):
             axis.sent += 1
         else:
             self.refused += 1
@@ -67,3 +96,19 @@ class CyclicData:
         for axis, target, offset in zip(self._axes, targets, torque_offsets, strict=True):
             if not (np.isfinite(target) and np.isfinite(offset)):
                 raise ValueError(f"{axis.title}: target {target}, torque offset {offset}: both must be finite")
+
+
+def sender_limits(axis: AxisClient, period_ns: int) -> SetPointLimits:
+    """What a drive would bear, from its definition: position, velocity, acceleration and torque limits."""
+    period_s = period_ns * 1e-9
+    lower, upper = axis.setting(0x607D, 1, LOW), axis.setting(0x607D, 2, HIGH)
+    velocity, acceleration = axis.setting(0x607F, 0, 0), axis.setting(0x60C5, 0, 0)
+    torque = min(axis.setting(0x6072, 0, OFFSET_HIGH), OFFSET_HIGH)
+    follows_positions = axis.mode == MODE_CSP
+    jump = round(JUMP_MARGIN * velocity * period_s) if follows_positions and velocity else None
+    bend = (
+        round(ACCELERATION_MARGIN * acceleration * period_s * period_s) if follows_positions and acceleration else None
+    )
+    if not follows_positions:
+        lower, upper = (-velocity, velocity) if velocity else (LOW, HIGH)
+    return SetPointLimits(lower, upper, jump, bend, torque, round(OFFSET_SHARE * torque), period_ns)

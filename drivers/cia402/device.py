@@ -71,7 +71,6 @@ class Drive(NodeApplication):
         self.gate = GateKeeper(self.node, self.parameters, clock, lambda: self._follows)
         self._controlword = 0
         self._missing = 0
-        self._silent = MISSED_PERIODS
         self._sync_late = False
         self._flags = 0
         self._after_stop: State | None = None
@@ -139,10 +138,6 @@ class Drive(NodeApplication):
             self.axis.expect_sync(None)
             self.axis.stop(self.parameters.deceleration, report=False)
 
-    def excuses(self, node_id: int) -> bool:
-        """A master whose set points come is there, heartbeat or not; that is believed for a while."""
-        return self._silent < MISSED_PERIODS
-
     @property
     def _follows(self) -> bool:
         """Set points move the axis."""
@@ -151,7 +146,6 @@ class Drive(NodeApplication):
     def on_sync(self, counter: int | None) -> None:
         self.gate.on_sync()
         fresh = self.process_data.take_fresh()
-        self._silent = 0 if fresh else self._silent + 1
         self._flags = self.axis.take_flags()
         if self.node.emcy.errors:
             self.faults.recovered(fresh)

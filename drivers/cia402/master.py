@@ -26,6 +26,7 @@ from drivers.cia402.master_supervision import SUPERVISED, MasterSupervision, eme
 from drivers.cia402.phases import AxisPhase, DriveEvent, EventKind, MasterPhase, phase_of
 from drivers.clock import Clock
 from drivers.frame import Frame
+from drivers.gate import Reason
 from drivers.objects import DeviceDef
 from stack.messages import DriveFeedback, Vector
 
@@ -88,7 +89,7 @@ class DriveMaster:
         )
         self._handlers: dict[int, Callable[[Frame], None]] = {}
         self._bring_up = BringUp(self.settings, self.times, clock, send, self._report)
-        self._cyclic = CyclicData(self.axes, clock, send)
+        self._cyclic = CyclicData(self.axes, clock, send, self.settings.sync_period_ns, self._on_refusal)
         for lead in self._leads.values():
             self._listen(lead)
 
@@ -167,6 +168,7 @@ class DriveMaster:
     def on_sync(self) -> None:
         """A SYNC was sent just now."""
         self._supervision.on_sync()
+        self._cyclic.on_sync()
 
     def feedback(self) -> tuple[DriveFeedback | None, ...]:
         """Per axis what it last said, in SI units; None where that is missing or too old."""
@@ -192,6 +194,15 @@ class DriveMaster:
     def refused(self) -> int:
         """Commands that the port did not take."""
         return self._cyclic.refused
+
+    @property
+    def gate_counts(self) -> dict[Reason, int]:
+        """What the gates before the sender found, over all axes."""
+        gates = self._cyclic.gates.values()
+        return {reason: sum(gate.counts.by_reason[reason] for gate in gates) for reason in Reason}
+
+    def _on_refusal(self, axis: AxisClient, reason: Reason) -> None:
+        self._report(axis, EventKind.GATE, f"not sent: {reason.name.lower()}", int(reason))
 
     def _client(self, axis: AxisClient) -> SdoClient:
         return SdoClient(axis.node_id, self._pacer.send, self._clock, self.times.sdo_ns, self.times.sdo_attempts)

@@ -68,11 +68,12 @@ def phase_of(axes: list[AxisPhase]) -> MasterPhase:
 
 
 class EventKind(Enum):
-    """What happened. The first three leave the phase alone; all others put the axis into FAULT."""
+    """What happened. The first four leave the phase alone; all others put the axis into FAULT."""
 
     WAITING = "waiting for a drive"
     CONFIGURED = "drive configured"
     EMERGENCY = "emergency message"
+    GATE = "set point refused"
     BOOT_TIMEOUT = "drive did not appear"
     CONFIGURATION_FAILED = "configuration failed"
     ENABLE_FAILED = "enabling failed"
@@ -89,7 +90,7 @@ class EventKind(Enum):
 
     @property
     def is_failure(self) -> bool:
-        return self not in (EventKind.WAITING, EventKind.CONFIGURED, EventKind.EMERGENCY)
+        return self not in (EventKind.WAITING, EventKind.CONFIGURED, EventKind.EMERGENCY, EventKind.GATE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,7 +97,7 @@ class Coordinator:
             np.append(limits.padding, (1.0, 1.0)),
             np.append(limits.dq_max, (limits.v_max, limits.omega_max)),
         )
-        # The rule base off: position limits are then the drives' alone, velocity and acceleration bounds are kept.
+        # The rule base off: no position limits until set points are sent, velocity and acceleration bounds are kept.
         self.endless = np.full_like(limits.q_max, np.inf)
         self.endless.setflags(write=limits.q_max.flags.writeable)
         self.arm_table_free, self.robot_table_free = self.arm_table.copy(), self.robot_table.copy()

@@ -310,8 +310,10 @@ class Planner:
         assert state.q_next is not None and state.dq is not None
         period = parameters.arm_period_s
         q = state.q_next + arm.dq * period
+        limits = parameters.limits
         outputs = PlannerOutputs(
-            q=q,
+            # Without the rule base the plan runs past a limit; what is sent stops there, joint by joint.
+            q=q if parameters.joint_limit_rules else np.clip(q, limits.q_min, limits.q_max),
             dq=arm.dq,
             effort=self._effort(q, arm.dq, (arm.dq - state.dq) / period, state.odometry, period),
             wheels=wheel_speeds(self.platform, *platform.rate),

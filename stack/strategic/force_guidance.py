@@ -55,7 +55,7 @@ class Admittance:
     damping: Vector = field(default_factory=lambda: _six(55.0, 2.0))
     lead_s: float = 0.08
     filter_s: float = 0.0
-    dead_band: Pair = Pair(1.0, 0.05)
+    dead_band: Pair = Pair(0.5, 0.05)
     saturation: Pair = Pair(60.0, 6.0)
     speed: Pair = Pair(0.5, 1.0)
     acceleration: Pair = Pair(2.5, 6.0)

@@ -32,13 +32,13 @@ def test_its_acceleration_is_continuous(lift_limit: Outcome) -> None:
     assert lift_limit.metrics["joint_acceleration_step_max"]["tower_lift"] < 0.1
 
 
-def test_without_the_rule_base_the_drive_holds_its_limit_and_the_hand_leaves_its_line(runner: Runner) -> None:
+def test_without_the_rule_base_the_lift_runs_into_its_limit_and_the_hand_leaves_its_line(runner: Runner) -> None:
     outcome = runner("lift-limit", "planner.joint_limit_rules=false")
     assert outcome.exit_code == 1
     failed = {name for name, ok in verdicts(outcome) if not ok}
     assert {"tcp_error_max_m", "tcp_travel_m", "joint_acceleration_step_max.tower_lift"} <= failed
     assert outcome.metrics["tcp_error_max_m"] > 0.02
-    assert outcome.metrics["joint_travel"]["tower_lift"] < 0.2501, "the drive did not hold its limit"
+    assert outcome.metrics["joint_travel"]["tower_lift"] < 0.2501, "nothing held the lift"
     assert outcome.metrics["faults"] == ()
 
 

@@ -26,7 +26,7 @@ from stack.strategic.mission import Stage
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("wire")]
 
-SHORT = ("step.1.length_m=0.4",)
+SHORT = ("step.2.length_m=0.4",)
 CHANNELS = (f"virtual:test_wire_{number}" for number in itertools.count())
 
 
@@ -129,7 +129,7 @@ class Stage3:
 
 @pytest.fixture
 def stage(tmp_path: Path):
-    made = Stage3(tmp_path, door("step.1.length_m=0.1"))
+    made = Stage3(tmp_path, door("step.2.length_m=0.1"))
     yield made
     made.close()
 

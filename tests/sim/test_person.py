@@ -49,12 +49,12 @@ def test_the_force_is_that_of_a_spring_and_a_damper_and_the_sensor_reads_it(
     for _ in range(150):
         one.cycle()
     laws, forces = np.array(ticks).transpose(1, 0, 2)
-    assert np.linalg.norm(forces, axis=1).max() > 0.02 * stiffness
+    assert np.linalg.norm(forces, axis=1).max() > 0.01 * stiffness
     assert forces == pytest.approx(laws, abs=1e-3)
     truth = one.world.truth(0)
     assert truth.hand is not None
     assert (truth.hand[3:] == forces[-1]).all()
-    assert truth.pose_WE[:3, :3] @ truth.contact_wrench[:3] == pytest.approx(forces[-1], abs=1e-9)
+    assert truth.pose_WE[:3, :3] @ truth.contact_wrench[:3] == pytest.approx(forces[-1], abs=1e-4)
     one.world.force_sensor.read()
     one.cycle()
     reading = truth.pose_WE[:3, :3] @ one.world.force_sensor.read()[:3]
@@ -95,15 +95,15 @@ def test_a_random_way_stays_in_its_box_below_its_speed_and_is_smooth(
     seed: int, size: tuple[float, float, float], speed: float, duration: float
 ) -> None:
     path = Wandering(seed, size, speed, duration)
-    t = np.linspace(0.0, duration + 1.0, 4000)
+    t = np.arange(0.0, duration + 1.0, 0.01)
     samples = [path.at(float(s)) for s in t]
     x, v = np.array([s[0] for s in samples]), np.array([s[1] for s in samples])
     assert (np.abs(x) <= 0.5 * np.array(size) + 1e-12).all()
     assert np.linalg.norm(v, axis=1).max() <= speed * (1.0 + 1e-9)
     assert x[0] == pytest.approx(np.zeros(3), abs=1e-12)
     assert x[-1] == pytest.approx(np.zeros(3), abs=1e-12)
-    moved = np.diff(x, axis=0)
-    assert moved == pytest.approx(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], abs=0.02 * speed * np.diff(t)[0] + 1e-6)
+    assert np.diff(x, axis=0) == pytest.approx(0.005 * (v[1:] + v[:-1]), abs=5e-5)
+    assert np.abs(np.diff(v, axis=0)).max() < 0.01 * 10.0 * speed
 
 
 def test_the_same_seed_wanders_the_same_way_and_another_one_does_not() -> None:
@@ -126,7 +126,7 @@ def test_recorded_ways_go_through_their_points_from_rest_to_rest() -> None:
 
 
 def test_bad_people_are_refused() -> None:
-    with pytest.raises(ValueError, match="stiffness 0.0"):
+    with pytest.raises(ValueError, match=r"stiffness 0\.0"):
         PersonParameters(AWAY, stiffness=0.0)
     with pytest.raises(ValueError, match="lets_go_s"):
         PersonParameters(AWAY, grips_s=2.0, lets_go_s=1.0)

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 BUS = "socketcan:vcan0"
-SCENARIO = ("--set", "step.1.length_m=0.6")
+SCENARIO = ("--set", "step.2.length_m=0.6")
 """The door line is cut short: a user-mode kernel has one processor, and its system calls take long."""
 LIMIT_S = 400.0
 
@@ -34,7 +34,7 @@ def mission(out: Path, pace: str, *, stopped: bool) -> dict[str, int]:
     roles["sim"] = canipulator(out, pace, "sim", "--no-rerun")
     roles["strategic"] = canipulator(out, pace, "strategic")
     if stopped:
-        wait_for(lambda: "step 2/3" in (out / "strategic.txt").read_text())
+        wait_for(lambda: "step 3/4" in (out / "strategic.txt").read_text())
         subprocess.run(["cansend", "vcan0", "617#2B40600002000000"], check=True)
     codes = {role: process.wait(LIMIT_S) for role, process in roles.items() if not (stopped and role != "strategic")}
     if stopped:

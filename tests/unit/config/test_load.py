@@ -41,7 +41,7 @@ def test_the_resolved_scenario_reproduces_itself(name: str) -> None:
     ("override", "parts"),
     [
         ("slip.sigm=1.0", ["sliding-door.toml", "'slip.sigm'", "did you mean 'sigma'?"]),
-        ("step.1.spede_m_s=1.0", ["'step.1.spede_m_s'", "did you mean 'speed_m_s'?"]),
+        ("step.2.spede_m_s=1.0", ["'step.2.spede_m_s'", "did you mean 'speed_m_s'?"]),
         ("slip.sigma=nan", ["slip.sigma", "NaN", "finite"]),
         ("slip.sigma=-0.1", ["slip.sigma", "-0.1", "greater than or equal to 0"]),
         ("slip.sigma=fast", ["slip.sigma", '"fast"', "valid number"]),
@@ -50,11 +50,11 @@ def test_the_resolved_scenario_reproduces_itself(name: str) -> None:
         ("duration_s=0", ["duration_s", "0", "greater than 0"]),
         ("planner.arm_cycle_hz=130", ["planner.arm_cycle_hz", "130", "125 and 142.857 Hz"]),
         ("planner.platform_cycle_hz=200", ["must not exceed arm_cycle_hz = 100"]),
-        ("step.7.name=x", ["'7' is not an index of the list (0 to 2)"]),
+        ("step.7.name=x", ["'7' is not an index of the list (0 to 3)"]),
         ("nonsense", ["must be KEY=VALUE"]),
         ("duration_s.x=1", ["not a table"]),
-        ("step.1.kind=drive", ["platform_only"]),
-        ("step.1.direction=[0.0, 0.0, 0.0]", ["zero vector"]),
+        ("step.2.kind=drive", ["platform_only"]),
+        ("step.2.direction=[0.0, 0.0, 0.0]", ["zero vector"]),
         ("expect.0.min={}", ["expect.0.min", "valid number"]),
     ],
 )

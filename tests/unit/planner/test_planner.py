@@ -80,7 +80,7 @@ def test_a_twist_that_stays_away_brings_the_robot_to_rest() -> None:
 
 def test_lost_feedback_costs_accuracy_not_the_motion() -> None:
     loop, errors = Loop(parameters()), []
-    for k in range(300):
+    for _ in range(300):
         lost = k > 100 and k % 10 in (3, 4)
         outputs, error = loop.step(Mode.COORDINATED, along_y(0.2 * min(1.0, k * PERIOD)), heard=not lost)
         assert bool(outputs.restrictions & Restriction.STALE_DRIVE) == lost
@@ -157,3 +157,28 @@ def test_limits_hold_whatever_is_commanded() -> None:
         assert abs(outputs.platform.rate.omega) <= limits.omega_max + 1e-9
         assert np.isfinite(outputs.effort).all()
         last = outputs.dq
+
+
+def test_without_the_rule_base_set_points_stop_at_the_limits_and_nothing_else_knows() -> None:
+    loop = Loop(replace(parameters(), joint_limit_rules=False))
+    up = np.zeros(6)
+    up[:3] = ROBOT.arm.pose(ROBOT.arm.home)[:3, :3].T @ np.array([0.0, 0.0, 0.1])
+    errors = []
+    for _ in range(1000):
+        outputs, error = loop.step(Mode.ARM_ONLY, up)
+        assert np.all(outputs.q <= ROBOT.arm.q_max)
+        assert np.all(outputs.q >= ROBOT.arm.q_min)
+        errors.append(0.0 if error is None else error)
+    assert max(errors) > 0.02
+
+
+def test_a_platform_does_not_drive_on_while_the_path_waits_for_the_arm() -> None:
+    wish = parameters()
+    loop = Loop(replace(wish, preferences=replace(wish.preferences, platform_gain=0.0)))
+    for _ in range(800):  # down through the floor: nobody can follow
+        outputs, _ = loop.step(Mode.COORDINATED, np.concatenate((loop.tcp()[:3, :3].T @ [0.1, 0.0, -0.3], np.zeros(3))))
+    assert outputs.arm.scale < 0.2, "the path does not wait"
+    before = loop.base.copy()
+    for _ in range(300):
+        loop.step(Mode.COORDINATED, np.concatenate((loop.tcp()[:3, :3].T @ [0.1, 0.0, -0.3], np.zeros(3))))
+    assert np.hypot(*(loop.base - before)[:2]) < 0.1, "at 0.1 m/s it would have gone 0.3 m"
