@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from canipulator.campaigns.command import COMMANDS as CAMPAIGN_COMMANDS
 from canipulator.log_commands import COMMANDS as LOG_COMMANDS
 from canipulator.picture_commands import COMMANDS as PICTURE_COMMANDS
 from canipulator.tool_commands import COMMANDS as TOOL_COMMANDS
@@ -35,7 +36,7 @@ def cli() -> None:
     """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
 
 
-for _command in (*LOG_COMMANDS, *PICTURE_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
+for _command in (*CAMPAIGN_COMMANDS, *LOG_COMMANDS, *PICTURE_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
     cli.add_command(_command)
 
 

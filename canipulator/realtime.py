@@ -15,6 +15,8 @@ from types import FrameType
 
 import click
 
+from canipulator.dashboard import Dashboard, Status
+from canipulator.dashboard import wanted as dashboard_wanted
 from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
 from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, run_info
@@ -119,6 +121,7 @@ class WireRun:
         self.first: Truth | None = None
         self.last: Truth | None = None
         self._timed_cycles = 0
+        self._dashboard: Dashboard | None = None
         self.elapsed_s = 0.0
         self.sim: SimulatedRobot | None = None
         self.planner: PlannerNode | None = None
@@ -190,7 +193,7 @@ class WireRun:
         self._began_ns = began_ns = self.clock.now_ns()
         end_ns = None if self.options.duration_s is None else began_ns + round(1e9 * self.options.duration_s)
         self._report_ns = began_ns + REPORT_NS
-        with collector_off(), undisturbed(), self._signals():
+        with collector_off(), undisturbed(), self._signals(), self._shown():
             self.power_on()
             while self._signal is None and not self._done(self.clock.now_ns()):
                 now_ns = self.clock.now_ns()
@@ -202,6 +205,25 @@ class WireRun:
         if self._signal is not None:
             self._on_event(Level.WARN, "run", "interrupted" if self._signal == signal.SIGINT else "told to end")
         return self._signal
+
+    def _shown(self) -> contextlib.AbstractContextManager[None]:
+        """The dashboard, where one is wanted: events go there then."""
+        if not dashboard_wanted(self.options.dashboard, quiet=self.options.quiet, real_time=True):
+            return contextlib.nullcontext()
+        self._dashboard = Dashboard(self.scenario.name, self.robot.devices.values(), self._status)
+        self.bus.observe(self._dashboard.on_frame)
+        return self._dashboard.live()
+
+    def _status(self) -> Status:
+        traffic = self.bus.statistics()
+        return Status(
+            self.bus.now_ns(),
+            traffic.load_mean,
+            traffic.load_peak,
+            self.watch.missed_cycles,
+            self.clock.max_lateness_ns * 1e-3,
+            () if self.planner is None else self.planner.cycle_ns,
+        )
 
     def power_on(self) -> None:
         """Boots the nodes of this process."""
@@ -306,7 +328,9 @@ class WireRun:
             self._events.write(event)
         if level >= Level.ERROR:
             self.faults.append(f"{source}: {text}")
-        if not self.options.quiet and level >= Level.INFO:
+        if self._dashboard is not None:
+            self._dashboard.on_event(event)
+        elif not self.options.quiet and level >= Level.INFO:
             click.echo(event.line().strip(), err=True)
 
     def _on_log_error(self, error: OSError) -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from canipulator.dashboard import Dashboard, Status
+from canipulator.dashboard import wanted as dashboard_wanted
 from canipulator.fault_injection import FaultInjector, Parts
 from canipulator.outcome import (
     EXPECTATION_MISSED,
@@ -37,7 +39,7 @@ from drivers.clock import LockstepClock
 from drivers.planner_node import PlannerNode
 from drivers.strategic_node import StrategicNode
 from logs.bus_log import BusLogWriter
-from logs.events import Level
+from logs.events import Event, Level
 from logs.metrics import Metrics, RunFacts, evaluate
 from logs.recorder import RunInfo
 from logs.run_log import BLOCK_NS, RunLog
@@ -87,6 +89,7 @@ class LockstepRun:
         self.first: Truth | None = None
         self.last: Truth | None = None
         self._timed_cycles = 0
+        self._dashboard: Dashboard | None = None
         self.bus_log = BusLogWriter(directory / "bus.log", clock=self.clock, on_error=self._on_log_error)
         self.log = RunLog(
             robot.devices.values(),
@@ -131,7 +134,7 @@ class LockstepRun:
             with (
                 collector_off(),
                 self._run_until() as run_until,
-                progress_bar(self.scenario.name, end_ns, quiet=self.options.quiet) as advance,
+                self._shown(end_ns) as advance,
             ):
                 while (now_ns := self.clock.now_ns()) < end_ns and not self._done():
                     run_until(min(now_ns + CHUNK_NS, end_ns))
@@ -151,6 +154,26 @@ class LockstepRun:
         self._sample()
         if self.injector is not None:
             self.injector.arm()
+
+    def dashboard(self) -> Dashboard:
+        """Of this run; it hears nothing yet."""
+        return Dashboard(self.scenario.name, self.robot.devices.values(), self._status)
+
+    def _status(self) -> Status:
+        traffic = self.bus.statistics()
+        return Status(self.clock.now_ns(), traffic.load_mean, traffic.load_peak, cycle_ns=self.planner.cycle_ns)
+
+    @contextlib.contextmanager
+    def _shown(self, end_ns: int) -> Iterator[Callable[[float, str], None]]:
+        """A dashboard if one was asked for, else a progress bar."""
+        if not dashboard_wanted(self.options.dashboard, quiet=self.options.quiet, real_time=False):
+            with progress_bar(self.scenario.name, end_ns, quiet=self.options.quiet) as advance:
+                yield advance
+            return
+        self._dashboard = self.dashboard()
+        self.bus.observe(self._dashboard.on_frame)
+        with self._dashboard.live():
+            yield lambda done, at: None
 
     def _injector(self) -> FaultInjector | None:
         """The faults of the scenario, None if it has none."""
@@ -220,6 +243,8 @@ class LockstepRun:
 
     def _on_event(self, level: Level, source: str, text: str) -> None:
         self.log.on_event(self.clock.now_ns(), level, source, text)
+        if self._dashboard is not None:
+            self._dashboard.on_event(Event(self.clock.now_ns(), level, source, text))
         if level >= Level.ERROR or (source == "fault" and level >= Level.WARN):
             self.faults.append(f"{source}: {text}")
 

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from config.errors import ConfigError, nearest
 from config.table import Finite, NotNegative, Positive, Table
+from stack.strategic.mission import Recovery
 
 Kind = Literal[
     "frame-loss",
@@ -145,6 +146,18 @@ class FaultTable(Table):
         return " ".join(
             [self.kind, *(f"{name}={_shown(name, value)}" for name, value in values.items() if value is not None)]
         )
+
+
+class RecoveryTable(Table):
+    """What the strategic layer does about a fault of the planner: after `after_s` of rest it acknowledges it and begins the step again,
+    at most `most` times; without this table a fault ends the mission."""
+
+    after_s: Positive = 1.0
+    most: Annotated[int, Field(ge=1, le=1000)] = 1
+
+    def build(self) -> Recovery:
+        """As the mission wants it."""
+        return Recovery(round(1e9 * self.after_s), self.most)
 
 
 _PARAMETERS = tuple(name for name in FaultTable.model_fields if name not in ("at", "kind"))

@@ -62,7 +62,8 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
     around = tuple(_obstacles(scenario)) if planner.collision_avoidance else ()
-    return Mission(steps, choices + preferences + around + tuple(path_writes(scenario.platform_path)))
+    writes = choices + preferences + around + tuple(path_writes(scenario.platform_path))
+    return Mission(steps, writes, None if scenario.recovery is None else scenario.recovery.build())
 
 
 def _obstacles(scenario: Scenario) -> Iterator[ParameterWrite]:

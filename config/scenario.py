@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from config.faults import FaultTable
+from config.faults import FaultTable, RecoveryTable
 from config.guidance import DoorStepTable, ForceSensorTable, GuidanceTable
 from config.platform_path import PlatformPathTable
 from config.reaching import GoalTable, Objective, PoseTable
@@ -203,6 +203,7 @@ class Scenario(Table):
     gripper: GripperTable = GripperTable()
     step: tuple[StepTable, ...]
     fault: tuple[FaultTable, ...] = ()
+    recovery: RecoveryTable | None = None
     expect: tuple[ExpectTable, ...] = ()
 
     def case_preferences(self) -> PreferenceTable:

@@ -83,6 +83,7 @@ class PlannerNode(NodeApplication):
         self._objects = PlannerObjects(self.node, parameters, lambda: self)
         self._period_ns = parameters.arm_period_ns
         self._stopping_since_ns: int | None = None
+        self._acknowledgeable = False
         self._sync_ns = self._last_sync_ns = 0
         self._sync_count = 0
         self._answered = 0
@@ -247,7 +248,18 @@ class PlannerNode(NodeApplication):
         if master is MasterPhase.READY and wanted is not Mode.OFF and self.phase is not PlannerPhase.FAULT:
             self.master.enable()
             return PlannerPhase.ENABLING
+        if master is MasterPhase.FAULT:
+            self._listen_for_acknowledgement(wanted, lost=lost)
         return _PHASE_OF[master]
+
+    def _listen_for_acknowledgement(self, wanted: Mode, *, lost: bool) -> None:
+        """A mission that asks for OFF, and then for HOLD, knows of the fault: drives are led back to READY, and enabled where they are."""
+        if wanted is Mode.OFF:
+            self._acknowledgeable = not lost
+        elif wanted is Mode.HOLD and self._acknowledgeable:
+            self._acknowledgeable = False
+            self._on_event("info", "acknowledged: resets the drives' faults")
+            self.master.reset_faults()
 
     def _stopped_yet(self, wanted: Mode) -> PlannerPhase:
         """At rest (or out of patience): torque off."""

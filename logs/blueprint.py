@@ -73,6 +73,10 @@ def _joint_titles(arm: ArmModel) -> list[str]:
     return [f"{row.name} [{'rad' if row.revolute else 'm'}]" for row in arm.description.joints]
 
 
+TOWER_M = 1.75
+"""How high the robot reaches whatever its hand does."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stage:
     """What the eye shall see: lowest and highest corner (3,) in the world, and from which horizontal side (2,), of length 1."""
@@ -90,12 +94,13 @@ class Stage:
         reach = (tcp[1] - platform[1])[:2]
         margin = np.array([0.4, 0.4, 0.0])
         floor = np.minimum(low, [np.inf, np.inf, 0.0])
-        return Stage(floor - margin, high + margin, side if float(reach @ side) >= -0.1 else -side)
+        top = np.maximum(high, [-np.inf, -np.inf, TOWER_M])
+        return Stage(floor - margin, top + margin, side if float(reach @ side) >= -0.1 else -side)
 
     def target_and_eye(self) -> tuple[Vector, Vector]:
         """Where to look (3,) and from where (3,), so that all of it is in view."""
         target = 0.5 * (self.low + self.high)
-        distance = 0.52 * float(np.linalg.norm(self.high - self.low)) + 1.1
+        distance = 0.6 * float(np.linalg.norm(self.high - self.low)) + 0.8
         return target, target + distance * np.append(0.85 * self.side, 0.5)
 
 

@@ -55,7 +55,7 @@ class RerunRecorder:
 
     def __init__(
         self,
-        path: Path,
+        sink: Path | str,
         arm: ArmModel,
         urdf: Path,
         info: RunInfo,
@@ -64,11 +64,10 @@ class RerunRecorder:
         platform_ratio: int = 5,
         devices: Iterable[DeviceDef] = (),
         detail: Detail = Detail.FULL,
-        viewer: str | None = None,
     ) -> None:
-        """Creates the file with geometry, styles, properties and layout. `platform_ratio`: arm cycles per platform cycle.
+        """Begins with geometry, styles, properties and layout. `sink`: a file, or the address of a viewer that is listening.
 
-        `devices`: whose frames are recorded in words (with Detail.FULL). `viewer`: address of a viewer that is listening.
+        `platform_ratio`: arm cycles per platform cycle. `devices`: whose frames are recorded in words (with Detail.FULL).
         """
         self._info, self._arm, self._detail = info, arm, detail
         self._plots, self._scene, self._around = Plots(arm), Scene(arm, urdf), AroundScene(info.around)
@@ -78,8 +77,8 @@ class RerunRecorder:
         self._styled: set[str] = set()
         self._restrictions: set[str] = {"none"}
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
-        sinks = [rr.FileSink(path)] + ([rr.GrpcSink(viewer)] if viewer is not None else [])
-        self._stream.set_sinks(*sinks, default_blueprint=blueprint(arm, around=info.around, detail=detail))
+        target = rr.FileSink(sink) if isinstance(sink, Path) else rr.GrpcSink(sink)
+        self._stream.set_sinks(target, default_blueprint=blueprint(arm, around=info.around, detail=detail))
         self._columns = ColumnSender(self._stream, sync_period_ns, platform_ratio, info.wall_clock)
         self._log_statics()
 

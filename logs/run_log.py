@@ -92,9 +92,25 @@ class RunLog:
         self.recording_bytes: int | None = None
         """Size of the recording, known after `close`."""
         self._recorder: RerunRecorder | None = None
+        self._live: RerunRecorder | None = None
         self._recording = recording
         if recording is not None:
-            self._open(recording, arm, robot, info, sync_period_ns, platform_ratio, detail, tuple(devices), viewer)
+            urdf = robot_directory(robot) / "robot.urdf"
+
+            def begin(sink: Path | str) -> RerunRecorder:
+                return RerunRecorder(
+                    sink,
+                    arm,
+                    urdf,
+                    info,
+                    sync_period_ns=sync_period_ns,
+                    platform_ratio=platform_ratio,
+                    devices=devices,
+                    detail=detail,
+                )
+
+            self._recorder = self._open(recording, begin)
+            self._live = None if viewer is None else self._open(viewer, begin)
         self._tape = Tape(self._hand_over, block_ns)
         self.on_frame: Callable[[Frame], None] = self._tape.on_frame
         """For `Bus.observe`: an append and a comparison."""
@@ -170,6 +186,11 @@ class RunLog:
                 self._events.write(event)
         if "sync" in decoded.signals:
             self._last_ns = max(self._last_ns, int(decoded.signals["sync"].t_ns[-1]))
+        if self._live is not None:
+            try:
+                self._live.write(decoded)
+            except Exception as fault:
+                self._leave_viewer(fault)
         if self._recorder is None:
             return
         if self._may_drop and self._queue.qsize() > QUEUED_BLOCKS:
@@ -192,33 +213,16 @@ class RunLog:
             signals |= self._dexterity.add(signals["truth/q"], pose)
         return replace(decoded, signals=signals)
 
-    def _open(
-        self,
-        path: Path,
-        arm: ArmModel,
-        robot: str,
-        info: RunInfo,
-        sync_period_ns: int,
-        platform_ratio: int,
-        detail: Detail,
-        devices: tuple[DeviceDef, ...],
-        viewer: str | None,
-    ) -> None:
-        urdf = robot_directory(robot) / "robot.urdf"
+    def _open(self, sink: Path | str, begin: Callable[[Path | str], RerunRecorder]) -> RerunRecorder | None:
+        """A recorder, or None with an event that says why there is none."""
         try:
-            self._recorder = RerunRecorder(
-                path,
-                arm,
-                urdf,
-                info,
-                sync_period_ns=sync_period_ns,
-                platform_ratio=platform_ratio,
-                devices=devices,
-                detail=detail,
-                viewer=viewer,
-            )
+            return begin(sink)
         except Exception as fault:
-            self._give_up(fault)
+            if isinstance(sink, Path):
+                self._give_up(fault)
+            else:
+                self._leave_viewer(fault)
+            return None
 
     def _give_up(self, fault: Exception) -> None:
         self.recorder_fault = f"{type(fault).__name__}: {fault}"
@@ -226,6 +230,13 @@ class RunLog:
             self._recorder.abandon()
             self._recorder = None
         self._note(Level.ERROR, f"recording ended: {self.recorder_fault}")
+
+    def _leave_viewer(self, fault: Exception) -> None:
+        """The viewer has been closed: the file is written all the same."""
+        if self._live is not None:
+            self._live.abandon()
+            self._live = None
+        self._note(Level.WARN, f"the viewer is gone: {fault}")
 
     def _note(self, level: Level, text: str) -> None:
         """An event of the log itself."""
@@ -235,6 +246,11 @@ class RunLog:
             self._events.write(event)
 
     def _finish(self) -> None:
+        if self._live is not None:
+            try:
+                self._live.close()
+            except Exception as fault:
+                self._leave_viewer(fault)
         if self._recorder is not None:
             try:
                 self._recorder.close()

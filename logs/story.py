@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """`headline`: one sentence. `stopped_ns` None: the run did not stop before its time. `node`: whom the fault befell, if one stands out."""
+    """`headline`: one sentence. `stopped_ns` None: the run did not stop before its time. `node`: whom the fault befell, if one does."""
 
     headline: str
     stopped_ns: int | None
@@ -101,7 +102,7 @@ def _stop(found: Evidence) -> int | None:
     phases = found.lane("planner/phase")
     times = [
         change.t_ns
-        for before, change in zip(phases, phases[1:], strict=False)
+        for before, change in pairwise(phases)
         if before.state in _MOVING and change.state in ("fault", "stopping")
     ]
     times += [change.t_ns for change in found.lane("nodes/planner") if change.state == LOST]

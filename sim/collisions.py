@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.bullet import pybullet
 from sim.physics import Physics
-from sim.rotation import quaternion_of, rotation_of
+from sim.rotation import rotation_of
 from sim.surroundings import Surroundings
 from stack.messages import Matrix, Vector
 from stack.servo.compiled import compiled
@@ -46,13 +46,14 @@ class Collisions:
         if surroundings.door is not None:
             self._name_of_body[surroundings.door.body] = "door"
         self._solid = bool(self._name_of_body)
-        capsules = _capsules(physics.urdf, [physics.base_name, *names.arm, *hand])
-        self._centre, self._axis = np.array([c[0] for c in capsules]), np.array([c[1] for c in capsules])
-        self._half, self._radius = np.array([c[2] for c in capsules]), np.array([c[3] for c in capsules])
+        self._capsules = _capsules(physics.urdf, [physics.base_name, *names.arm, *hand])
+        com = physics.com_from_base  # PyBullet says where the platform's centre of mass is, not its frame
+        self._capsules[0, :3] = com[:3, :3] @ self._capsules[0, :3] + com[:3, 3]
+        self._capsules[0, 3:6] = com[:3, :3] @ self._capsules[0, 3:6]
         self._pairs = np.array([pair for pair in itertools.combinations(range(len(chain)), 2) if _may_touch(*pair)])
         self._frames = np.zeros((len(chain), 7))
         self._distance = np.zeros(len(self._pairs))
-        self._height = np.zeros(len(chain))
+        self._height = np.zeros(len(chain) - 1)
         self._speed = OVERSPEED * _closing_speeds(physics, self._links, self._pairs)
         self._fall = OVERSPEED * _closing_speeds(physics, self._links, np.array([(0, i) for i in range(1, len(chain))]))
         self._wait = 0
@@ -86,32 +87,34 @@ class Collisions:
     def _own_links(self) -> tuple[list[str], float]:
         """Names of pairs that touch, and for how long (s) at least no other does."""
         physics, p = self._physics, pybullet
-        base = physics.pose_WB()
+        base = p.getBasePositionAndOrientation(physics.robot, physicsClientId=physics.client)
         states = p.getLinkStates(
             physics.robot, self._links[1:], computeForwardKinematics=1, physicsClientId=physics.client
         )
-        self._frames[0] = (*base[:3, 3], *quaternion_of(base[:3, :3]))
-        self._frames[1:] = [(*state[4], *state[5]) for state in states]
-        _look(
+        self._frames[:] = [(*base[0], *base[1]), *((*state[4], *state[5]) for state in states)]
+        clear_s = _look(
             self._frames,
-            self._centre,
-            self._axis,
-            self._half,
-            self._radius,
+            self._capsules,
             self._pairs,
+            self._speed,
+            self._fall,
             self._distance,
             self._height,
         )
+        return ([], clear_s) if clear_s > 0.0 else self._look_closely()
+
+    def _look_closely(self) -> tuple[list[str], float]:
+        """The same where capsules are in each other: there the shapes count."""
         touching = []
-        distance, height = self._distance, self._height[1:]
+        distance, height = self._distance, self._height
         for row in np.flatnonzero(distance <= 0.0).tolist():
             first, second = (self._links[i] for i in self._pairs[row])
-            distance[row] = self._shape_distance(physics.robot, first, second)
+            distance[row] = self._shape_distance(self._physics.robot, first, second)
             if distance[row] <= 0.0:
                 touching.append(f"{self._names[first]} - {self._names[second]}")
         for row in np.flatnonzero(height <= 0.0).tolist():
             link = self._links[row + 1]
-            height[row] = self._shape_distance(physics.floor, link, -1)
+            height[row] = self._shape_distance(self._physics.floor, link, -1)
             if height[row] <= 0.0:
                 touching.append(f"{self._names[link]} - floor")
         clear_s = min(float((distance / self._speed).min()), float((height / self._fall).min()))
@@ -180,13 +183,13 @@ REACH = 0.36
 """m, further than any link's shape goes from its joint, the tower's apart"""
 
 
-def _capsules(urdf: Path, names: Sequence[str]) -> list[tuple[Vector, Vector, float, float]]:
-    """Of each link a capsule around its collision shape: middle (3,), axis (3,) in the link's frame, half length, radius.
+def _capsules(urdf: Path, names: Sequence[str]) -> Matrix:
+    """Of each link a capsule around its collision shape: middle, axis in the link's frame, half length, radius; (n, 8).
 
     From the URDF itself: PyBullet has made a mesh of every cylinder. Raises ValueError for a link without exactly one box, cylinder or
     sphere.
     """
-    found = {}
+    found: dict[str | None, Vector | None] = {}
     for link in ElementTree.parse(urdf).getroot().findall("link"):
         shapes = link.findall("collision")
         if len(shapes) == 1:
@@ -194,10 +197,10 @@ def _capsules(urdf: Path, names: Sequence[str]) -> list[tuple[Vector, Vector, fl
     missing = [name for name in names if found.get(name) is None]
     if missing:
         raise ValueError(f"{urdf}: {', '.join(missing)} must have one box, cylinder or sphere each as collision shape")
-    return [capsule for name in names if (capsule := found[name]) is not None]
+    return np.array([found[name] for name in names])
 
 
-def _around_shape(collision: ElementTree.Element) -> tuple[Vector, Vector, float, float] | None:
+def _around_shape(collision: ElementTree.Element) -> Vector | None:
     origin, geometry = collision.find("origin"), collision.find("geometry")
     if geometry is None or len(geometry) != 1:
         return None
@@ -210,11 +213,13 @@ def _around_shape(collision: ElementTree.Element) -> tuple[Vector, Vector, float
     if shape.tag == "box":
         size = _numbers(shape.get("size", ""))
         long = int(np.argmax(size))
-        return at, turn[:, long], 0.5 * float(size[long]), 0.5 * math.hypot(*np.delete(size, long))
+        half, radius = 0.5 * float(size[long]), 0.5 * math.hypot(*np.delete(size, long))
+        return np.array([*at, *turn[:, long], half, radius])
     if shape.tag == "cylinder":
-        return at, turn[:, 2], 0.5 * float(shape.get("length", "")), float(shape.get("radius", ""))
+        half, radius = 0.5 * float(shape.get("length", "")), float(shape.get("radius", ""))
+        return np.array([*at, *turn[:, 2], half, radius])
     if shape.tag == "sphere":
-        return at, turn[:, 2], 0.0, float(shape.get("radius", ""))
+        return np.array([*at, *turn[:, 2], 0.0, float(shape.get("radius", ""))])
     return None
 
 
@@ -224,18 +229,15 @@ def _numbers(text: str) -> Vector:
 
 @compiled
 def _look(
-    frames: Vector,
-    centre: Vector,
-    axis: Vector,
-    half: Vector,
-    radius: Vector,
-    pairs: Vector,
-    distance: Vector,
-    height: Vector,
-) -> None:
-    """Distances of the capsules of all pairs, and how high each is above the floor."""
+    frames: Matrix, capsules: Matrix, pairs: Matrix, speed: Vector, fall: Vector, distance: Vector, height: Vector
+) -> float:
+    """Distances (m) of the capsules of all pairs, heights above the floor of all but the first; for how long (s) none gets to 0.
+
+    `frames` (n, 7): position and quaternion of the links; `capsules` (n, 8): middle, axis, half length, radius in them.
+    """
     n = frames.shape[0]
     middle, along = np.empty((n, 3)), np.empty((n, 3))
+    clear_s = np.inf
     for i in range(n):
         x, y, z, w = frames[i, 3], frames[i, 4], frames[i, 5], frames[i, 6]
         turn = np.array(
@@ -249,14 +251,14 @@ def _look(
             middle[i, j] = frames[i, j]
             along[i, j] = 0.0
             for k in range(3):
-                middle[i, j] += turn[j, k] * centre[i, k]
-                along[i, j] += turn[j, k] * axis[i, k]
-        height[i] = middle[i, 2] - abs(along[i, 2]) * half[i] - radius[i]
+                middle[i, j] += turn[j, k] * capsules[i, k]
+                along[i, j] += turn[j, k] * capsules[i, 3 + k]
+        if i > 0:
+            height[i - 1] = middle[i, 2] - abs(along[i, 2]) * capsules[i, 6] - capsules[i, 7]
+            clear_s = min(clear_s, height[i - 1] / fall[i - 1])
     for row in range(pairs.shape[0]):
         i, j = pairs[row, 0], pairs[row, 1]
-        a = b = 0.0
-        cosine = 0.0
-        gap = 0.0
+        a = b = cosine = gap = 0.0
         for k in range(3):
             r = middle[i, k] - middle[j, k]
             a -= along[i, k] * r
@@ -266,9 +268,11 @@ def _look(
         sine = 1.0 - cosine * cosine
         s = 0.0
         if sine > 1e-9:
-            s = min(max((a + cosine * b) / sine, -half[i]), half[i])
-        t = min(max(b + cosine * s, -half[j]), half[j])
-        s = min(max(a + cosine * t, -half[i]), half[i])
+            s = min(max((a + cosine * b) / sine, -capsules[i, 6]), capsules[i, 6])
+        t = min(max(b + cosine * s, -capsules[j, 6]), capsules[j, 6])
+        s = min(max(a + cosine * t, -capsules[i, 6]), capsules[i, 6])
         for k in range(3):
             gap += (middle[i, k] + s * along[i, k] - middle[j, k] - t * along[j, k]) ** 2
-        distance[row] = np.sqrt(gap) - radius[i] - radius[j]
+        distance[row] = np.sqrt(gap) - capsules[i, 7] - capsules[j, 7]
+        clear_s = min(clear_s, distance[row] / speed[row])
+    return clear_s

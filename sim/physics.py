@@ -64,6 +64,8 @@ class Physics:
         self.base_name: str = pybullet.getBodyInfo(self.robot, physicsClientId=self.client)[0].decode()
         inertial = pybullet.getDynamicsInfo(self.robot, -1, physicsClientId=self.client)
         self._base_from_com = inverse(pose_of(inertial[3], inertial[4]))
+        self.com_from_base: Matrix = self._base_from_com
+        """(4, 4): from the platform's reference frame to that of its centre of mass"""
         self._com_to_base = -np.array(inertial[3])
         self.q: Vector = np.zeros(len(self.arm_joints))
         self.dq: Vector = np.zeros(len(self.arm_joints))

@@ -118,8 +118,8 @@ def _add_hand(robot: Robot, last: str, tcp: Triple, tcp_rpy: Triple) -> None:
     robot.links.append(Link("force_sensor", 0.3, sensor, visuals=(sensor,), collisions=(sensor,)))
     robot.joints.append(Joint("force_sensor_joint", "fixed", last, "force_sensor", (0.0, 0.0, -SENSOR_AT)))
     palm = Shape("box", (0.10, 0.05, 0.06), (0.0, 0.0, -0.03), colour="dark")
-    fingers = [box((0.012, 0.028, 0.12), (x, 0.0, -0.12), "grey") for x in (0.034, -0.034)]
-    pads = [box((0.006, 0.024, 0.035), (x, 0.0, -0.16), "orange") for x in (0.025, -0.025)]
+    fingers = [box((0.012, 0.028, 0.12), (x, 0.0, -0.12), "grey") for x in (0.041, -0.041)]
+    pads = [box((0.006, 0.024, 0.035), (x, 0.0, -0.16), "orange") for x in (0.033, -0.033)]
     solid = Shape("box", (0.10, 0.05, 0.14), (0.0, 0.0, -0.07))
     hull = Shape("box", (0.09, 0.04, 0.18), (0.0, 0.0, -0.09))
     robot.links.append(Link("gripper", 1.0, solid, visuals=(palm, *fingers, *pads), collisions=(hull,)))

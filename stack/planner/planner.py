@@ -149,8 +149,9 @@ class Planner:
         return heard, drift.T_RO @ T_OE
 
     def _drift_law(self, parameters: PlannerParameters) -> DriftLaw:
-        model = parameters.slip_model if parameters.slip_observer else None
-        return DriftLaw(self.platform.track, model, parameters.tracker_gain)
+        """The observer needs what the wheels really turned; unified coordination goes by what they were told, late as they may be."""
+        observing = parameters.slip_observer and parameters.coordination is not Coordination.UNIFIED
+        return DriftLaw(self.platform.track, parameters.slip_model if observing else None, parameters.tracker_gain)
 
     def _rest(
         self, state: PlannerState, inputs: PlannerInputs, measured: Matrix
@@ -199,7 +200,7 @@ class Planner:
             platform = PlatformCommand(state.rate)
             if due:
                 # A platform that drove on while the path waits for the arm would tear the arm along.
-                wanted, slow = command.twist, command.slow
+                wanted, slow = patience * command.twist, patience * command.slow
                 if unified:
                     wanted = wanted + deviation
                 path, arm, platform = self._whole_robot(state, model, wanted, slow, fade, parameters, standing)

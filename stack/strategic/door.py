@@ -24,9 +24,9 @@ def _law() -> Admittance:
     """In the door's axes: along its way, across it from the hinge, up its axis. Stiff along, soft across; light against torques, so that a
     hand that cannot turn in the handle turns with it."""
     return Admittance(
-        mass=np.array([60.0, 15.0, 15.0, 0.5, 0.5, 0.5]),
-        damping=np.array([400.0, 150.0, 150.0, 4.0, 4.0, 4.0]),
-        lead_s=0.06,
+        mass=np.array([60.0, 20.0, 20.0, 0.5, 0.5, 0.5]),
+        damping=np.array([400.0, 200.0, 200.0, 4.0, 4.0, 4.0]),
+        lead_s=0.03,
         dead_band=Pair(0.3, 0.05),
         saturation=Pair(100.0, 6.0),
         speed=Pair(0.3, 1.0),
@@ -41,8 +41,9 @@ class Pull:
     is known to `known` (standard deviation over radius) and `feeling_speed` before, `acceleration` (m/s²) between them and to the end;
     `follow` share of the door's turning that the hand makes; `identify` False: the guess is believed to the end.
 
-    `yielding_n`: force across at which the hand goes half as fast; `force_limit_n`: force that means the door is stuck; `compliance`
-    (m/N): how far arm and gripper give way to a force.
+    `yielding_n`: force across at which the hand goes half as fast; `load_limit_n`: how much of a steady force against the door's way is
+    made up for; `force_limit_n`: force that means the door is stuck; `patience_s` without progress that mean the same; `compliance` (m/N):
+    how far arm and gripper give way to a force.
     """
 
     angle: float
@@ -54,6 +55,7 @@ class Pull:
     known: float = 0.03
     yielding_n: float = 15.0
     force_limit_n: float = 120.0
+    load_limit_n: float = 40.0
     patience_s: float = 4.0
     compliance: float = 0.0
 
@@ -77,7 +79,8 @@ class DoorGuess:
 class DoorState:
     """What is believed of the door, and the virtual mass in the door's axes (along, outward, axis). `start` (3,): where the handle was,
     `rotation` (3, 3) how the hand was turned there. `speed` (m/s) asked for, `angle` (rad) so far, `furthest` (rad) it has come; `known`
-    whether the radius is, `across` (N) the largest force across since then. `waiting_s` without progress, `deaf_s` without a force.
+    whether the radius is, `load` (N) what the door itself takes to be moved, `across` (N) the largest force across since the radius is
+    known. `waiting_s` without progress, `deaf_s` without a force.
     """
 
     identification: Identification
@@ -87,6 +90,7 @@ class DoorState:
     speed: float = 0.0
     angle: float = 0.0
     known: bool = False
+    load: float = 0.0
     across: float = 0.0
     furthest: float = 0.0
     waiting_s: float = 0.0
@@ -162,11 +166,19 @@ class PullDoor:
                 failure=f"the door is stuck at {np.degrees(state.angle):.1f} degrees with {said}"
             )
         speed = self._speed(state, across)
-        wanted = np.concatenate([[speed, 0.0, 0.0], door.T @ self._turning(state, rotation)])
+        load = state.load + CYCLE_S / (LOAD_S + CYCLE_S) * (-felt[0] - state.load)
+        load = min(max(load, 0.0), pull.load_limit_n)
+        wanted = np.concatenate(
+            [[speed + load / self.law.damping[0], 0.0, 0.0], door.T @ self._turning(state, rotation)]
+        )
         law = replace(self.law, tool=None)
         mass, twist = admit(law, state.admittance, felt, np.eye(3), scale, CYCLE_S, wanted)
         state = replace(
-            state, admittance=mass, speed=speed, across=max(state.across, across) if state.known else state.across
+            state,
+            admittance=mass,
+            speed=speed,
+            load=load,
+            across=max(state.across, across) if state.known else state.across,
         )
         back = rotation.T @ door
         return state, MotionOutputs(np.concatenate([back @ twist[:3], back @ twist[3:]]))
@@ -210,5 +222,7 @@ TURNING_GAIN = 1.0
 """1/s"""
 PROGRESS = 0.003
 """rad: what counts as progress of the door."""
+LOAD_S = 0.5
+"""Time constant of the door's load: what lasts longer does not slow the hand down, what is quicker finds it soft."""
 LAST_SPEED = 0.01
 """m/s: how fast the door arrives."""

@@ -46,17 +46,33 @@ class Stage(Enum):
     MOVING = "moving"
     FINISHED = "finished"
     FAILED = "failed"
+    RECOVERING = "acknowledging a fault"
 
 
 @dataclass(frozen=True, slots=True)
 class MissionState:
-    """Stage, index of the current step, when its motion began, with which orientation of the TCP, and the motion's own state."""
+    """Stage, index of the current step, when its motion began, with which orientation of the TCP, and the motion's own state.
+
+    `recoveries`: faults of the planner that were acknowledged so far; `fault_ns`: when the last one was heard.
+    """
 
     stage: Stage = Stage.WAITING
     index: int = 0
     began_ns: int = 0
     rotation_RE: Matrix | None = None
     motion: Any = None
+    recoveries: int = 0
+    fault_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What a mission does about a fault of the planner: it asks for OFF, for HOLD after `pause_ns`, which acknowledges the fault, and
+    begins the step again where the robot is; `most` times. Not done within `patience_ns`: failed."""
+
+    pause_ns: int
+    most: int
+    patience_ns: int = 20_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +118,20 @@ class Mission:
 
     steps: tuple[Step, ...]
     initial_writes: tuple[ParameterWrite, ...] = ()
+    recovery: Recovery | None = None
 
     def step(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         """One strategic cycle. Never raises: a failing planner or SDO ends in Stage.FAILED with an event that says why."""
         if state.stage in (Stage.FINISHED, Stage.FAILED):
             return state, self._rest(state)
+        if state.stage is Stage.RECOVERING:
+            return self._recover(state, inputs)
         failure = _failure(state, inputs)
+        if failure is FAULT and self.recovery is not None and state.recoveries < self.recovery.most:
+            recovering = replace(
+                state, stage=Stage.RECOVERING, recoveries=state.recoveries + 1, fault_ns=inputs.t_ns, motion=None
+            )
+            return recovering, self._rest(recovering, event=f"{FAULT}: stops, and will acknowledge it")
         if failure is not None:
             failed = replace(state, stage=Stage.FAILED)
             return failed, self._rest(failed, event=failure)
@@ -116,6 +140,22 @@ class Mission:
     def _rest(self, state: MissionState, event: str | None = None) -> MissionOutputs:
         """At the end, whichever it is: the planner stops and switches the drives off."""
         return MissionOutputs(ZERO_TWIST, Mode.OFF, state.index, event=event)
+
+    def _recover(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
+        """OFF, then HOLD: the planner resets its drives' faults and enables them where they are."""
+        assert self.recovery is not None
+        elapsed_ns = inputs.t_ns - state.fault_ns
+        if inputs.planner is not None and elapsed_ns < self.recovery.pause_ns:
+            return state, self._rest(state)
+        if inputs.planner is None or elapsed_ns > self.recovery.patience_ns:
+            failed = replace(state, stage=Stage.FAILED)
+            return failed, self._rest(failed, event="the fault could not be acknowledged")
+        if inputs.planner.phase not in (PlannerPhase.IDLE, PlannerPhase.EXECUTING):
+            return state, MissionOutputs(ZERO_TWIST, Mode.HOLD, state.index)
+        step = self.steps[state.index]
+        return replace(state, stage=Stage.PREPARING), MissionOutputs(
+            ZERO_TWIST, Mode.HOLD, state.index, writes=step.writes, event=f"recovered: {step.name!r} begins again"
+        )
 
     def _wait(self, state: MissionState, inputs: MissionInputs) -> tuple[MissionState, MissionOutputs]:
         """Ask for HOLD: the planner enables the drives and reports IDLE."""
@@ -203,13 +243,16 @@ def _motion_inputs(state: MissionState, inputs: MissionInputs) -> MotionInputs:
     )
 
 
+FAULT = "the planner reports a fault"
+
+
 def _failure(state: MissionState, inputs: MissionInputs) -> str | None:
     if inputs.sdo_failure is not None:
         return f"the planner's dictionary cannot be used: {inputs.sdo_failure}"
     if inputs.planner is None:
         return None if state.stage is Stage.WAITING else "the planner has fallen silent"
     if inputs.planner.phase is PlannerPhase.FAULT:
-        return "the planner reports a fault"
+        return FAULT
     return None
 
 

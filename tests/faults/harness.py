@@ -88,6 +88,7 @@ def watch(scenario: Scenario, directory: Path, duration_s: float, *, record: boo
             wheels.append(world.plant.wheels.encoder_rate.copy())
 
         world.step = watched  # type: ignore[method-assign]
+        run._done = lambda: False  # type: ignore[method-assign]  # a mission that has failed is no reason to look away
         run.go()
     t = TICK_S * np.arange(1, len(q) + 1)
     events = list(run.log.table.events)

@@ -146,3 +146,14 @@ def test_a_tracker_that_falls_silent_costs_accuracy_not_the_motion(tmp_path: Pat
     assert unviolated(metrics)
     truth = run.log.table["truth/pose_WE"]
     assert truth.values[-1, 1, 3] - truth.values[0, 1, 3] > 1.3
+
+
+def test_unified_coordination_goes_without_it(tmp_path: Path) -> None:
+    """It takes the platform to be where it was told to be; lag is no slip, and must not be taken for it."""
+    errors = []
+    for observer in ("true", "false"):
+        unified = ('planner.coordination="unified"', f"planner.slip_observer={observer}")
+        run, metrics = door(tmp_path, *FAST, *NOISELESS, *unified, seconds=5.0)
+        errors.append(metrics.tcp_error_rms_m)
+        assert not run.planner._state.drift.slip.any()
+    assert errors[0] == errors[1]

@@ -30,9 +30,13 @@ PATIENCE_S = 60.0
 class HeadlessViewer:
     """`client`: the viewer's own remote control; `url`: where recordings are sent to; `port` of its server."""
 
-    def __init__(self, port: int, client: Any) -> None:
-        self.port, self.client = port, client
+    def __init__(self, port: int, client: Any, process: subprocess.Popen[bytes]) -> None:
+        self.port, self.client, self._process = port, client, process
         self.url = f"rerun+http://127.0.0.1:{port}/proxy"
+
+    def kill(self) -> None:
+        """As when somebody closes the window."""
+        _kill(self._process)
 
     def open(self, recording: Path) -> None:
         """Opens a file and waits until it is there."""
@@ -69,7 +73,9 @@ class HeadlessViewer:
     def complaints(self) -> list[str]:
         """What the views report and the viewer has logged as warnings or errors."""
         reports = [
-            f"{view.name}: {report.severity}: {report.summary}" for view in self.views().values() for report in view.reports
+            f"{view.name}: {report.severity}: {report.summary}"
+            for view in self.views().values()
+            for report in view.reports
         ]
         logs = [
             entry.message
@@ -103,11 +109,16 @@ def headless_viewer(size: str = "1920x1080") -> Iterator[HeadlessViewer]:
         )
         try:
             _wait_for_port(process, port, Path(home, "log"))
-            yield HeadlessViewer(port, ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy"))
+            yield HeadlessViewer(port, ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy"), process)
         finally:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait(20)
+            _kill(process)
             shutil.rmtree(home, ignore_errors=True)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait(20)
 
 
 def _wait_for_port(process: subprocess.Popen[bytes], port: int, log: Path) -> None:

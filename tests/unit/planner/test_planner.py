@@ -80,7 +80,7 @@ def test_a_twist_that_stays_away_brings_the_robot_to_rest() -> None:
 
 def test_lost_feedback_costs_accuracy_not_the_motion() -> None:
     loop, errors = Loop(parameters()), []
-    for _ in range(300):
+    for k in range(300):
         lost = k > 100 and k % 10 in (3, 4)
         outputs, error = loop.step(Mode.COORDINATED, along_y(0.2 * min(1.0, k * PERIOD)), heard=not lost)
         assert bool(outputs.restrictions & Restriction.STALE_DRIVE) == lost
@@ -172,13 +172,18 @@ def test_without_the_rule_base_set_points_stop_at_the_limits_and_nothing_else_kn
     assert max(errors) > 0.02
 
 
-def test_a_platform_does_not_drive_on_while_the_path_waits_for_the_arm() -> None:
+def test_while_the_path_waits_for_the_arm_the_platform_slows_down() -> None:
     wish = parameters()
-    loop = Loop(replace(wish, preferences=replace(wish.preferences, platform_gain=0.0)))
-    for _ in range(800):  # down through the floor: nobody can follow
-        outputs, _ = loop.step(Mode.COORDINATED, np.concatenate((loop.tcp()[:3, :3].T @ [0.1, 0.0, -0.3], np.zeros(3))))
-    assert outputs.arm.scale < 0.2, "the path does not wait"
-    before = loop.base.copy()
-    for _ in range(300):
-        loop.step(Mode.COORDINATED, np.concatenate((loop.tcp()[:3, :3].T @ [0.1, 0.0, -0.3], np.zeros(3))))
-    assert np.hypot(*(loop.base - before)[:2]) < 0.1, "at 0.1 m/s it would have gone 0.3 m"
+    loop = Loop(replace(wish, preferences=replace(wish.preferences, platform_gain=0.0, heights=np.zeros(8))))
+    ahead = np.concatenate((loop.tcp()[:3, :3].T @ [0.2, 0.0, 0.0], np.zeros(3)))
+    for k in range(400):
+        outputs, _ = loop.step(Mode.COORDINATED, ahead * min(1.0, k * PERIOD))
+    driven = outputs.platform.rate.v
+    assert driven > 0.15
+    shifted = loop.state.X_RE.copy()
+    shifted[0, 3] += 0.3
+    loop.state = replace(loop.state, X_RE=shifted)
+    for _ in range(20):
+        outputs, _ = loop.step(Mode.COORDINATED, ahead)
+        assert outputs.arm.scale == 0.0, "the path does not wait"
+    assert outputs.platform.rate.v < driven - 0.05
