@@ -13,9 +13,8 @@ import pyarrow as pa
 from canipulator.campaigns.campaign import Row, Summary, unit_generator
 from canipulator.campaigns.run_tables import Measure, summarise_runs
 from canipulator.outcome import RunOptions
-from canipulator.warm_up import warm_up
+from canipulator.run import run_scenario
 from config.load import load_scenario
-from config.robot import load_robot
 from config.scenario import Scenario
 
 SCENARIO = "sliding-door"
@@ -59,17 +58,13 @@ class RunCampaign:
         return {"scenario": self.scenario, "duration_s": self.duration_s}
 
     def warm_up(self, group: str) -> None:
-        """Compiled code is loaded, and the planner has run through once."""
-        scenario = self._scenario(group, 1)
-        warm_up(load_robot(scenario.robot), scenario)
+        """Nothing: every run warms up by itself before its clock starts."""
 
     def compute(self, group: str, index: int, seed: int) -> Iterable[Row]:
         """One row: the run's metrics.json with dotted names. Its files go when they have been read."""
         run_seed = int(unit_generator(seed, "runs", index).integers(1, 2**31))
         with tempfile.TemporaryDirectory(prefix="campaign-") as folder:
             options = RunOptions(out=Path(folder), duration_s=self.duration_s, record=False, quiet=True)
-            from canipulator.run import run_scenario
-
             outcome = run_scenario(self._scenario(group, run_seed), options)
         return [_row(outcome.metrics) | {"exit_code": outcome.exit_code}]
 

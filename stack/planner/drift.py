@@ -14,7 +14,8 @@ import numpy as np
 
 from stack.kinematics.se3 import rotation_exp, rotation_log
 from stack.messages import Matrix, TrackedPose, Vector
-from stack.planner.observer import Estimate, SlipModel, Verdict, arc_between
+from stack.planner.observer import Estimate, SlipModel, Verdict
+from stack.planner.observer_kernels import arc_between
 from stack.planner.odometry import PlatformPose, advance
 from stack.planner.tracking import body_twist, moved
 

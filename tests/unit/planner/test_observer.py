@@ -12,7 +12,8 @@ from hypothesis.extra.numpy import arrays
 from stack.kinematics.se3 import rotation_log
 from stack.messages import TrackedPose
 from stack.planner.drift import Belief, DriftEstimate, DriftLaw
-from stack.planner.observer import SLIP_LIMIT, Estimate, SlipModel, arc_between, slipping
+from stack.planner.observer import Estimate, SlipModel, slipping
+from stack.planner.observer_kernels import SLIP_LIMIT, arc_between
 from stack.planner.odometry import PlatformPose, advance
 from tests.unit.planner.slipping_platform import (
     ON_PLATFORM,

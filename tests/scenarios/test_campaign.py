@@ -1,0 +1,165 @@
+"""Campaigns with real processes, which are killed: nothing is lost, nothing counts twice, the numbers are those of an undisturbed run."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from canipulator.campaigns.campaign import unit_generator
+from canipulator.cli import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+PAIRS = 150
+BATCH = 5
+PATIENCE_S = 60.0
+
+
+def start(*arguments: str | Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tests.unit.campaigns.counting", *map(str, arguments)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def ends_well(process: subprocess.Popen[bytes]) -> None:
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, errors.decode()
+
+
+def parts(out: Path) -> list[Path]:
+    return list((out / "parts").glob("*.parquet")) if out.exists() else []
+
+
+def wait_until(condition: Callable[[], object], process: subprocess.Popen[bytes]) -> None:
+    """Polls, there is nothing to be notified by; a process that has ended by then has failed the test."""
+    until = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def workers_of(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
+    """The client's children that compute (not multiprocessing's resource tracker)."""
+    return [
+        child for child in psutil.Process(process.pid).children(recursive=True) if "spawn_main" in str(child.cmdline())
+    ]
+
+
+def is_whole(out: Path, pairs: int = PAIRS) -> set[int]:
+    """Every unit is there once with the number that its seed gives; the processes that computed them."""
+    rows = pq.read_table(out / "results.parquet").to_pylist()
+    assert [(row["group"], row["index"]) for row in rows] == list(itertools.product(("left", "right"), range(pairs)))
+    for row in rows:
+        assert row["error"] is None
+        assert row["end"] == unit_generator(1, row["group"], row["index"]).normal(size=1000).sum()
+    return {row["pid"] for row in rows}
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_is_replaced(tmp_path: Path) -> None:
+    client = start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--busy", "0.02")
+    wait_until(lambda: len(parts(tmp_path)) > 3, client)
+    victim = workers_of(client)[0]
+    victim.kill()
+    ends_well(client)
+    computed_by = is_whole(tmp_path)
+    assert victim.pid in computed_by
+    assert len(computed_by) == 3
+
+
+@pytest.mark.slow
+def test_a_client_that_is_killed_loses_at_most_what_was_under_way(tmp_path: Path) -> None:
+    client = start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--busy", "0.02")
+    wait_until(lambda: len(parts(tmp_path)) > 3, client)
+    orphans = workers_of(client)
+    client.send_signal(signal.SIGKILL)
+    client.communicate()
+    before = {path.name: path.stat().st_mtime_ns for path in parts(tmp_path)}
+    assert 3 < len(before) < 2 * PAIRS // BATCH
+    _, alive = psutil.wait_procs(orphans, timeout=20.0)
+    assert not alive, "workers outlive their client"
+    ends_well(start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--resume", "--busy", "0.0"))
+    after = {path.name: path.stat().st_mtime_ns for path in parts(tmp_path)}
+    assert {name: after[name] for name in before} == before, "what was there is not computed again"
+    is_whole(tmp_path)
+    assert json.loads((tmp_path / "throughput.json").read_text())["units"] == 2 * PAIRS - BATCH * len(before)
+
+
+@contextmanager
+def dask(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of a cluster, as a user would start it."""
+    command = [sys.executable, "-m", "dask", *arguments]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        family = [process.pid, *(child.pid for child in psutil.Process(process.pid).children(recursive=True))]
+        for pid in reversed(family):
+            if psutil.pid_exists(pid):
+                os.kill(pid, signal.SIGKILL)
+        process.wait()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.mark.slow
+def test_on_a_cluster_workers_die_and_join(tmp_path: Path) -> None:
+    port = free_port()
+    url = f"tcp://127.0.0.1:{port}"
+    worker = ("worker", url, "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard", "--no-nanny")
+    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"), dask(*worker) as first:
+        client = start(tmp_path, "--pairs", str(PAIRS), "--cluster", url, "--busy", "0.02")
+        wait_until(lambda: parts(tmp_path), client)
+        with dask(*worker):
+            first.send_signal(signal.SIGKILL)
+            ends_well(client)
+    assert len(is_whole(tmp_path)) == 2
+
+
+@pytest.mark.slow
+def test_whole_runs_become_a_table(tmp_path: Path) -> None:
+    command = [Path(sys.executable).parent / "canipulator", "campaign", "methods", "--pairs", "1", "--duration", "0.1"]
+    done = subprocess.run([*command, "--jobs", "2", "--out", tmp_path], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    table = pq.read_table(tmp_path / "results.parquet")
+    assert {(row["method"], row["exit_code"]) for row in table.to_pylist()} == {
+        (method, 0) for method in ("pns", "fsp", "gradient", "qp")
+    }
+    assert table.num_rows == 16
+    assert len(set(table["seed"].to_pylist())) == 1, "run i has the same seed everywhere"
+    assert "| gradient-case4 | 1 | 0 |" in (tmp_path / "summary.md").read_text()
+    assert (tmp_path / "methods.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["becks"], "unknown campaign 'becks'.*beck"),
+        (["slip", "--duration", "nan"], "--duration"),
+        (["slip", "--cluster", "tcp://127.0.0.1:1", "--jobs", "2"], "--jobs"),
+        (["slip", "--pairs", "0"], "--pairs"),
+    ],
+)
+def test_bad_input_is_named(arguments: list[str], complaint: str, tmp_path: Path) -> None:
+    answer = CliRunner().invoke(cli, ["campaign", *arguments, "--out", str(tmp_path)])
+    assert answer.exit_code != 0
+    assert re.search(complaint, answer.output + str(answer.exception))
