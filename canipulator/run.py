@@ -50,8 +50,8 @@ from stack.strategic.mission import Stage
 SETTLE_NS = 300_000_000
 """How long a run goes on after its mission has ended: the planner comes to rest and switches the drives off."""
 CHUNK_NS = 100_000_000
-LOCKSTEP_BLOCK_NS = 4_000_000_000
-"""The run stands still while a block is written, about 50 ms; fewer and larger ones cost less."""
+LOCKSTEP_BLOCK_NS = 900_000_000
+"""The run stands still while a block is written; fewer and larger ones cost less, but a run that is killed lacks no more than a second."""
 
 
 def run_scenario(scenario: Scenario, options: RunOptions) -> Outcome:

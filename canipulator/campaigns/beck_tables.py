@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -61,7 +62,7 @@ def summarise_pairs(results: pa.Table, out: Path, note: str) -> Summary:
     sheets, figures, verdicts = [], [], []
     claims = Sheet("What must hold", ["", "robot", "measured", "holds"])
     for robot in robots:
-        found, solved = solved_by_all(results.filter(pa.compute.equal(results["group"], robot)))
+        found, solved = solved_by_all(results.filter(pc.equal(results["group"], robot)))
         sheets.append(_sheet(robot, found, solved, note))
         for text, measured, holds in _claims(found):
             claims.add(text, robot, measured, "yes" if holds else "NO")

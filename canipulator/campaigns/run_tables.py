@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -30,7 +31,7 @@ def summarise_runs(name: str, results: pa.Table, measures: Sequence[Measure], ou
     sheet = Sheet(f"{name}: mean ± standard deviation over seeds", ["", "runs", "failed", *(m.title for m in measures)])
     series: dict[str, list[NDArray[np.float64]]] = {}
     for group in groups:
-        of_group = results.filter(pa.compute.equal(results["group"], group))
+        of_group = results.filter(pc.equal(results["group"], group))
         failed = of_group.num_rows - of_group["error"].null_count
         columns = [measure.scale * column(of_group, measure.metric) for measure in measures]
         series[group] = columns

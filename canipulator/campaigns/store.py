@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from canipulator.campaigns.campaign import Batch, Campaign, Row, batches
@@ -115,7 +116,7 @@ class Store:
             table = pq.read_table(path)
             beyond = batch.first + batch.count - groups[batch.group]
             if beyond > 0:  # of a longer campaign that was in this folder before
-                table = table.filter(pa.compute.less(table["index"], groups[batch.group]))
+                table = table.filter(pc.less(table["index"], groups[batch.group]))
             tables.append(table)
         merged = pa.concat_tables(tables, promote_options="permissive").combine_chunks() if tables else pa.table({})
         sink = pa.BufferOutputStream()

@@ -41,8 +41,8 @@ class MotionOutputs:
     """What to ask for in the coming cycle: a twist (6,) of the TCP in the end-point frame (of the platform where it is the
     platform that moves: v in [0], ω in [5]), joint positions (n,) for `Mode.JOINTS`, what the gripper shall do.
 
-    `done`: the motion has come to its end, and nothing of these outputs is sent. `failure`: why it never will, in one line. `found`: what was
-    measured on the way, by name, for whoever judges the run.
+    `done`: the motion has come to its end, and nothing of these outputs is sent. `failure`: why it never will, in one line. `found`: what
+    was measured on the way, by name, for whoever judges the run.
     """
 
     twist: Vector = field(default_factory=lambda: ZERO_TWIST)

@@ -22,8 +22,7 @@ pytestmark = pytest.mark.slow
 
 FEW, MANY = 2, 50
 BUS_LOG_LACKS_S = 0.010
-RECORDING_LACKS_S = 1.05
-"""A block of a second, and the cycle that it is cut at."""
+RECORDING_LACKS_S = 1.0
 
 
 def progress_s(directory: Path) -> float:

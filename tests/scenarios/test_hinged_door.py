@@ -87,7 +87,8 @@ def test_a_heavy_door_with_a_closer_opens_too(runner: Runner) -> None:
     outcome = runner("hinged-door", "door.mass_kg=30.0", "door.closer_preload=4.0", "door.closer_stiffness=2.0")
     assert outcome.metrics["mission_finished"] == 1.0
     assert outcome.metrics["door_radius_found_m"] == pytest.approx(RADIUS, rel=0.02)
-    assert np.degrees(outcome.metrics["door_angle_rad"]) == pytest.approx(80.0, abs=1.0)
+    assert "door open by 79.9 degrees" in (outcome.directory / "events.log").read_text()
+    assert 70.0 < np.degrees(outcome.metrics["door_angle_rad"]) < 80.5  # once let go of it begins to close
 
 
 def test_the_same_seed_gives_the_same_frames(tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ from config.load import load_scenario
 
 @pytest.mark.slow
 def test_a_set_becomes_a_page_with_its_figures(tmp_path: Path) -> None:
-    answer = CliRunner().invoke(cli, ["report", "coordination", "--out", str(tmp_path), "--jobs", "2", "--duration", "3"])
+    answer = CliRunner().invoke(
+        cli, ["report", "coordination", "--out", str(tmp_path), "--jobs", "2", "--duration", "3"]
+    )
     assert answer.exit_code == 0, answer.output
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64,") == len(SETS["coordination"].figures)

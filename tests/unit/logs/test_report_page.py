@@ -5,7 +5,11 @@ import pytest
 from logs.report_page import Claim, Column, Section, write_page
 from stack.kinematics import ArmModel
 
-ROWS = [("a", {"error_m": 0.0012, "cycle_us": {"p50": 310.0}}), ("b", {"error_m": 0.0123, "cycle_us": {"p50": 290.0}}), ("c", {})]
+ROWS = [
+    ("a", {"error_m": 0.0012, "cycle_us": {"p50": 310.0}}),
+    ("b", {"error_m": 0.0123, "cycle_us": {"p50": 290.0}}),
+    ("c", {}),
+]
 
 
 @pytest.mark.parametrize(
