@@ -6,7 +6,7 @@ STAMP := .venv/.ready
 JOBS ?= auto
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check bench golden lock clean
+.PHONY: help setup run test faults check bench golden lock clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -25,14 +25,17 @@ run: $(STAMP)  ## sets up, then drives the sliding-door task over CAN
 	@$(BIN)/canipulator run sliding-door
 
 test: $(STAMP)  ## sets up, then runs every test; those that live in real time by themselves
-	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m "not socketcan"
+	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m "not socketcan and not faults"
 	@$(BIN)/python -m pytest -q -m socketcan
+
+faults: $(STAMP)  ## the long part of the fault tests: every task, 200,000 strange frames, 50 kills
+	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m faults
 
 check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a minute
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
 	@$(BIN)/lint-imports
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q --hypothesis-profile=quick -m "not slow and not socketcan and not viewer"
+	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q --hypothesis-profile=quick -m "not slow and not socketcan and not viewer and not faults"
 
 bench: $(STAMP)  ## each hot path as a ratio against a stated reference
 	@$(BIN)/python -m benchmarks

@@ -11,6 +11,7 @@ import click
 from canipulator.campaigns.command import COMMANDS as CAMPAIGN_COMMANDS
 from canipulator.log_commands import COMMANDS as LOG_COMMANDS
 from canipulator.picture_commands import COMMANDS as PICTURE_COMMANDS
+from canipulator.soak_command import COMMANDS as SOAK_COMMANDS
 from canipulator.tool_commands import COMMANDS as TOOL_COMMANDS
 from canipulator.tool_commands import serve_options, served_run
 from canipulator.wire_commands import COMMANDS as WIRE_COMMANDS
@@ -36,7 +37,7 @@ def cli() -> None:
     """A mobile manipulator whose layers talk only over CAN: run it, look at it, take it apart."""
 
 
-for _command in (*CAMPAIGN_COMMANDS, *LOG_COMMANDS, *PICTURE_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
+for _command in (*CAMPAIGN_COMMANDS, *LOG_COMMANDS, *PICTURE_COMMANDS, *SOAK_COMMANDS, *TOOL_COMMANDS, *WIRE_COMMANDS):
     cli.add_command(_command)
 
 

@@ -23,16 +23,21 @@ def replay(run_dir: Path, method: str | None, out: Path | None) -> None:
     """Feed the recorded bus of RUN (its directory) to a planner and compare what it sends with the log, frame by frame.
 
     Exit code 0: every identifier, every byte and the order are those of the log. 1: they differ; the first difference is explained.
-    2: bad input, a run in real time among it: only lockstep runs repeat to the bit.
+    2: bad input.
+
+    A run in real time does not repeat to the bit: its frames are moved to the grid of SYNC, and of the planner's set points 99 % must
+    agree within 0.02 rad, m or rad/s.
 
     With --with, the planner works by another method on the same recorded feedback (open loop: its commands move nothing). Its set
     points are compared with those of the run in numbers and in a figure; exit code 0.
     """
-    from canipulator.replay import replay_run
+    from canipulator.replay import replay_run, was_in_real_time
 
     if method is None:
         if out is not None:
             raise click.UsageError("--out is for the figure of --with METHOD")
+        if was_in_real_time(run_dir):
+            raise SystemExit(_real_time(run_dir))
         scenario, result = replay_run(run_dir)
         raise SystemExit(_verdict(scenario, result))
     scenario, result = replay_run(run_dir, method)
@@ -50,6 +55,20 @@ def _verdict(scenario: Scenario, result: Replayed) -> int:
     click.echo(f"different: {result.differing} of {result.frames} frames of the planner; the first:")
     click.echo(explain(result.first, load_robot(scenario.robot).devices.values()))
     return 1
+
+
+def _real_time(run_dir: Path) -> int:
+    """One line for set points that agree, one for each drive where they do not; the exit code."""
+    from canipulator.replay_realtime import LEAST_SHARE, replay_run_in_real_time
+
+    result = replay_run_in_real_time(run_dir)
+    text = f"{100 * result.agreeing:.2f} % of {result.compared} set points in {result.cycles} arm cycles agree"
+    click.echo(f"{'alike' if result.ok else 'different'}: {text} within {result.tolerance:g} rad, m or rad/s")
+    if not result.ok:
+        click.echo(f"  at least {100 * LEAST_SHARE:g} % must; the largest difference of each drive:")
+        for name, largest in result.largest.items():
+            click.echo(f"  {name:<14} {largest:.4g}")
+    return 0 if result.ok else 1
 
 
 def _show_other(run_dir: Path, scenario: Scenario, result: Replayed, figure: Path) -> None:

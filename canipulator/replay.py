@@ -125,7 +125,7 @@ def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False)
     Raises ConfigError for what `read_run` does not take, and for a run in real time.
     """
     scenario, frames = read_run(run_dir)
-    if _was_in_real_time(run_dir):
+    if was_in_real_time(run_dir):
         raise ConfigError(
             f"{run_dir}: a run in real time; only runs on the lockstep bus can be replayed frame by frame"
         )
@@ -138,7 +138,7 @@ def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False)
     return scenario, result
 
 
-def _was_in_real_time(run_dir: Path) -> bool:
+def was_in_real_time(run_dir: Path) -> bool:
     """By the files that such a run leaves; their times have the jitter of the machine, which no virtual clock repeats."""
     metrics = run_dir / "metrics.json"
     late = metrics.is_file() and '"max_lateness_us"' in metrics.read_text(encoding="utf-8", errors="replace")

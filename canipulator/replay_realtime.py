@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
+from canipulator.outcome import progress_bar
+from canipulator.replay import planner_ids, read_run
 from canipulator.roles import planner_role
+from config.errors import ConfigError
 from config.robot import load_robot
 from config.scenario import Scenario
 from drivers.bus.base import OnFrame
@@ -21,7 +26,7 @@ from drivers.drive_codec import DriveCodec
 from drivers.frame import Frame
 from logs.tape import SYNC_ID
 
-TOLERANCE = 0.005
+TOLERANCE = 0.02
 """rad, m or rad/s by which a set point may differ."""
 LEAST_SHARE = 0.99
 """Share of the set points that must agree within the tolerance."""
@@ -119,7 +124,7 @@ def replay_real_time(
     clock = LockstepClock()
     bus = _GridBus(clock, period_ns)
     grid = on_grid(frames, period_ns)
-    planner = planner_role(robot, scenario, clock, bus, lambda level, source, text: None)  # type: ignore[arg-type]
+    planner = planner_role(robot, scenario, clock, bus, lambda level, source, text: None)
     first_ns = next((frame.t_ns for _, frame in grid if frame.can_id in own_ids), 0)
     early_ns = min(grid[0][1].t_ns, first_ns) if first_ns - grid[0][1].t_ns < _TOGETHER_NS else first_ns
     clock.run_until(early_ns)
@@ -131,6 +136,21 @@ def replay_real_time(
         if frame.can_id not in own_ids:
             bus.deliver(frame)
     return _compared(grid, bus.sent, [DriveCodec(robot.devices[node]) for node in DRIVE_IDS], tolerance)
+
+
+def replay_run_in_real_time(run_dir: Path, *, quiet: bool = False) -> RealTimeReplay:
+    """`replay_real_time` of a run's folder, with a progress bar unless `quiet`. Raises ConfigError for what `read_run` does not take."""
+    scenario, frames = read_run(run_dir)
+    own_ids = planner_ids(load_robot(scenario.robot).devices)
+    if not any(frame.can_id == SYNC_ID for frame in frames):
+        raise ConfigError(f"{run_dir / 'bus.log'}: holds no SYNC, so there is no arm cycle to compare")
+    with progress_bar(f"replay {run_dir.name}", frames[-1].t_ns, quiet=quiet) as advance:
+        shown = partial(_show, advance)
+        return replay_real_time(scenario, frames, own_ids, on_progress=shown)
+
+
+def _show(advance: Callable[[float, str], None], t_ns: int) -> None:
+    advance(t_ns, f"{t_ns * 1e-9:.1f} s")
 
 
 def _compared(

@@ -173,15 +173,17 @@ def planner_role(
 
 
 def sdo_gap_ns(scenario: Scenario) -> int:
-    """Time between SDO requests that takes two thirds of what the cyclic frames leave of the bus, a tenth of it at least.
+    """Time between SDO requests that takes two thirds of what the cyclic frames leave of the bus, 6 % of it at least.
 
     Heartbeats have the lowest priority: on a bus that is full for longer than their time-out they are lost.
     """
     bit_ns = 1e9 / scenario.bus.bitrate
     cyclic = CYCLIC_FRAMES * scenario.planner.arm_cycle_hz * FRAME_BITS * bit_ns * 1e-9
-    return round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.1))
+    return min(round(2 * FRAME_BITS * bit_ns / max(0.667 * (1.0 - cyclic), 0.06)), MOST_SDO_GAP_NS)
 
 
+MOST_SDO_GAP_NS = 8_000_000
+"""Ten drives are set up side by side, and each waits 100 ms for an answer at most."""
 CYCLIC_FRAMES = 30
 """Frames of one arm cycle, SYNC and what comes at lower rates included."""
 FRAME_BITS = 125

@@ -42,11 +42,11 @@ def load_robot(name: str) -> Robot:
         arm = ArmModel.load(name)
         platform_of(arm)
         servo = load_servo_parameters(name)
-    except ValueError as error:
-        raise ConfigError(f"robot: {error}") from None
+        return Robot(arm, servo, devices(_drives(arm, servo)), _limits(arm))
     except OSError as error:
         raise ConfigError(f"{error.filename}: {error.strerror}") from None
-    return Robot(arm, servo, devices(_drives(arm, servo)), _limits(arm))
+    except (ValueError, ArithmeticError, TypeError, LookupError, AttributeError) as error:
+        raise ConfigError(f"robot {name}: its files cannot be used: {error}") from None
 
 
 def planner_parameters(robot: Robot, scenario: Scenario) -> PlannerParameters:

@@ -113,7 +113,7 @@ class SetPointGate:
         self._last = 0
         self._step: int | None = None
         self._offset = 0
-        self._periods = 1
+        self._periods = 0
         self._taken: bytes | None = None
         self._sync_ns: int | None = None
 
@@ -126,7 +126,7 @@ class SetPointGate:
 
     def seed(self, target: int, offset: int) -> None:
         """The axis begins here: the next set point is measured against it."""
-        self._last, self._offset, self._step = target, offset, None
+        self._last, self._offset, self._step, self._periods = target, offset, None, 0
 
     def judge(self, data: bytes, engaged: bool, t_ns: int) -> tuple[bytes | None, Reason | None]:
         """The frame as it may pass (None: not at all), and what was wrong with it. `engaged`: the axis follows set points."""
@@ -140,7 +140,7 @@ class SetPointGate:
             return data, None
         if data == self._taken:
             return data, None
-        limits, periods = self.limits, self._periods
+        limits, periods = self.limits, max(1, self._periods)
         if self._taken is not None:
             if self._sync_ns is None or t_ns - self._sync_ns < OVERDUE * limits.period_ns:
                 return None, self.counts.note(Reason.RATE)

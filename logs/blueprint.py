@@ -145,7 +145,7 @@ def blueprint(
         scene,
         states("States"),
         events("Events", ["INFO", "WARN", "ERROR"]),
-        row_shares=[5, 2.15, 1.7],
+        row_shares=[4.7, 2.45, 1.7],
     )
     middle = rrb.Vertical(
         plot("TCP error [mm]"),

@@ -13,7 +13,7 @@ from types import TracebackType
 from drivers.clock import LAST, Clock
 from drivers.frame import MAX_CAN_ID, Frame
 
-FLUSH_PERIOD_NS = 5_000_000
+FLUSH_PERIOD_NS = 2_000_000
 
 
 class BusLogError(ValueError):

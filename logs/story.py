@@ -76,6 +76,8 @@ def tell(recording: Path) -> Story:
 
 def story_of(found: Evidence) -> Story:
     """The story that the evidence tells."""
+    if not found.states:
+        return Story("the recording holds no run", None, None)
     stopped_ns = _stop(found)
     if stopped_ns is None:
         done = any("all steps done" in event.text for event in found.events)

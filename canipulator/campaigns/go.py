@@ -17,6 +17,9 @@ from canipulator.campaigns.store import Store
 from canipulator.campaigns.workers import Finished, cluster_workers, local_workers, run_batches
 from canipulator.outcome import EXPECTATION_MISSED, OK, progress_bar
 
+FILE_WIDTH = 150
+"""Characters in a line where the output is no terminal: tables unbroken."""
+
 
 @dataclass(frozen=True)
 class CampaignOptions:
@@ -65,6 +68,8 @@ def run_campaign(campaign: Campaign, options: CampaignOptions) -> int:
         (options.out / "throughput.json").write_text(json.dumps(vars(tally)), encoding="utf-8")
     if not options.quiet:
         console = Console()
+        if not console.is_terminal:
+            console = Console(width=FILE_WIDTH)
         for shown in summary.shown:
             console.print(shown)
         console.print(tally.line(campaign.unit_name), highlight=False)

@@ -25,7 +25,5 @@ def campaign_named(name: str, duration_s: float | None) -> Campaign:
     try:
         made: Campaign = getattr(importlib.import_module(module), function)(duration_s)
     except ModuleNotFoundError as missing:
-        if missing.name != module:
-            raise
-        raise ConfigError(f"campaign {name}: needs {module}, which is not installed") from None
+        raise ConfigError(f"campaign {name}: needs {missing.name}, which is not installed") from missing
     return made

@@ -28,7 +28,7 @@ class Sheet:
         """For the terminal."""
         table = Table(title=self.title, caption=self.note or None, title_justify="left", caption_justify="left")
         for i, head in enumerate(self.heads):
-            table.add_column(head, justify="left" if i == 0 else "right")
+            table.add_column(head, justify="left" if i == 0 else "right", no_wrap=i == 0)
         for row in self.rows:
             table.add_row(*row)
         return table

@@ -44,7 +44,7 @@ def compute_batch(campaign: Campaign, seed: int, batch: Batch) -> Finished:
     """
     with _ONE_AT_A_TIME:
         _single_threaded()
-        key = (f"{campaign.name} {sorted(campaign.parameters().items())}", batch.group)
+        key = (f"{campaign.name} {campaign.parameters()}", batch.group)
         if key not in _warm:
             campaign.warm_up(batch.group)
             _warm.add(key)
@@ -75,6 +75,8 @@ def local_workers(jobs: int) -> Iterator[Any]:
         "distributed.scheduler.allowed-failures": ATTEMPTS,
         "distributed.worker.daemon": True,
         "distributed.admin.log-length": 0,
+        "distributed.scheduler.http.routes": [],  # its status page has nothing to show that is not in the terminal
+        "distributed.worker.http.routes": [],
         "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
     }
     with (
@@ -84,8 +86,8 @@ def local_workers(jobs: int) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
-            worker_dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # it listens whatever one says; here on a port that nobody else wants
+            scheduler_kwargs={"dashboard": False},
             memory_limit=0,
             silence_logs="CRITICAL",
         ) as cluster,
@@ -163,5 +165,5 @@ def _result(future: Any) -> Finished | None:
 def _again(batch: Batch, attempts: dict[Batch, int], reason: BaseException | None) -> Batch:
     if attempts[batch] >= ATTEMPTS:
         last = batch.first + batch.count - 1
-        raise ConfigError(f"units {batch.first} to {last} of {batch.group} fail on every worker: {reason}")
+        raise ConfigError(f"units {batch.first} to {last} of {batch.group} fail on every worker: {reason!r}")
     return batch

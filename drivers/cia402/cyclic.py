@@ -9,8 +9,20 @@ import numpy as np
 
 from drivers.cia402.axis import HIGH, LOW, MODE_CSP, OFFSET_HIGH, OFFSET_LOW, AxisClient
 from drivers.clock import Clock
-from drivers.gate import ACCELERATION_MARGIN, JUMP_MARGIN, OFFSET_SHARE, Reason, SetPointGate, SetPointLimits
+from drivers.gate import (
+    ACCELERATION_MARGIN,
+    JUMP_MARGIN,
+    OFFSET_SHARE,
+    SET_POINT,
+    FrameGate,
+    Reason,
+    SetPointGate,
+    SetPointLimits,
+)
 from stack.messages import DriveFeedback, Vector
+
+COMMANDS_PER_SYNC = 4
+"""Its set point, and what may have to be said in between: a stop, a step of the state machine."""
 
 
 class CyclicData:
@@ -30,6 +42,7 @@ class CyclicData:
     ) -> None:
         self.refused = 0
         self.gates = {axis.node_id: SetPointGate(sender_limits(axis, period_ns)) for axis in axes}
+        self.firewall = FrameGate({axis.command_id: SET_POINT.size for axis in axes}, COMMANDS_PER_SYNC)
         self._on_refusal = on_refusal
         self._refusing: set[int] = set()
         self._axes = axes
@@ -45,6 +58,7 @@ class CyclicData:
     def on_sync(self) -> None:
         """A SYNC was sent: the next set points are those of a new period."""
         now_ns = self._clock.now_ns()
+        self.firewall.on_sync()
         for gate in self.gates.values():
             gate.on_sync(now_ns)
 
@@ -87,7 +101,9 @@ class CyclicData:
             return
         if reason is None:
             self._refusing.discard(axis.node_id)
-        if self._send(axis.command_id, data):
+        if self.firewall.judge(axis.command_id, data) is not None:
+            self.refused += 1
+        elif self._send(axis.command_id, data):
             axis.sent += 1
         else:
             self.refused += 1

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
-from stack.kinematics.proximity import BodyDistances
+from stack.kinematics.proximity import BodyDistances, Proximity
 from stack.messages import Restriction, Vector
 from stack.planner.avoidance import Zones, circumvent, repulsion, zones
-from stack.planner.clearance import Standing, dampers
+from stack.planner.clearance import Standing, dampers, must_brake, nearest_pairs
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
@@ -60,10 +60,11 @@ class PlatformCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Avoiding:
-    """Zones that the arm is kept out of, and the push (n,) of repulsion."""
+    """Zones that the arm is kept out of, the push (n,) of repulsion, and what is near to what."""
 
     zones: Zones
     push: Vector
+    near: tuple[Proximity, ...] = ()
     at_the_cost_of_the_task: int = 0
     """Rows that may be held beyond what redundancy has room for."""
 
@@ -141,7 +142,8 @@ class Coordinator:
             bounds = (lower, upper) if exact else (-top, top)
             table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
             named = self._by_name(parameters, jacobian, twist, weights, z, bounds, model.q, table, avoiding)
-            return named if exact else _clipped(named, lower, upper)
+            command = named if exact else _clipped(named, lower, upper)
+            return self._stopped_short(command, avoiding, standing, lower, upper, parameters)
         table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
         around: tuple[str, ...] = ()
         if avoiding is None:
@@ -158,8 +160,29 @@ class Coordinator:
 
             step, around = circumvent(within, avoiding.zones, self.n, self.n - _TASK + avoiding.at_the_cost_of_the_task)
         restrictions = _restrictions(step.limited, step.status, step.scale) | _of_circumvention(around)
-        command = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
-        return _clipped(command, lower, upper)
+        command = _clipped(ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma), lower, upper)
+        return self._stopped_short(command, avoiding, standing, lower, upper, parameters)
+
+    def _stopped_short(
+        self,
+        command: ArmCommand,
+        avoiding: _Avoiding | None,
+        standing: Standing | None,
+        lower: Vector,
+        upper: Vector,
+        parameters: PlannerParameters,
+    ) -> ArmCommand:
+        """The command, or all joints braking where it leaves too little way to stop before something is touched."""
+        if avoiding is None or not avoiding.near:
+            return command
+        rate = _NO_RATE if standing is None else standing.rate
+        delay_s = _BRAKING_CYCLES * parameters.arm_period_s
+        if not must_brake(avoiding.near, command.dq, rate, parameters.clearance, delay_s):
+            return command
+        braking, _ = within_bounds(np.zeros(self.n), lower, upper)
+        return replace(
+            command, dq=braking, scale=0.0, status=Status.DEGRADED, restrictions=command.restrictions | _STOPPED_SHORT
+        )
 
     def robot_cycle(
         self,
@@ -204,6 +227,10 @@ class Coordinator:
             weights = parameters.preferences.weights
             whole = self._by_name(parameters, extended, twist, weights, z, bounds, q, table, avoiding)
         wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
+        if avoiding is not None and must_brake(
+            avoiding.near, whole.dq[:n], whole.dq[n:], parameters.clearance, _PLATFORM_DELAY_S
+        ):
+            wanted = PlatformRate(0.0, 0.0)
         unified = parameters.coordination is Coordination.UNIFIED
         period = parameters.arm_period_s if unified else parameters.platform_period_s
         command = accelerated(wanted, rate, limits, period)
@@ -218,6 +245,7 @@ class Coordinator:
         if not (singular or parameters.collision_avoidance):
             return None
         push = np.zeros(self.n)
+        near: list[Proximity] = []
         kept = zones({}, parameters.avoidance)
         if singular:
             margins = manifold_margins(self.arm, q)
@@ -227,8 +255,9 @@ class Coordinator:
         if parameters.collision_avoidance:
             if self._bodies is None:
                 self._bodies = BodyDistances(self.arm)
-            kept = dampers(self._bodies, q, parameters.clearance, parameters.obstacles, standing).and_also(kept)
-        return _Avoiding(kept, push, _COLLISION_ROWS if parameters.collision_avoidance else 0)
+            near = nearest_pairs(self._bodies, q, parameters.clearance, parameters.obstacles, standing)
+            kept = dampers(near, self.n, parameters.clearance).and_also(kept)
+        return _Avoiding(kept, push, tuple(near), _COLLISION_ROWS if near else 0)
 
     def _wishes(self, q: Vector, window: float, parameters: PlannerParameters) -> Vector:
         if not parameters.null_space_motion:
@@ -349,6 +378,11 @@ def _of_circumvention(around: tuple[str, ...]) -> Restriction:
 
 
 _COLLISION_ROWS = 2
+_BRAKING_CYCLES = 2.0
+_PLATFORM_DELAY_S = 0.15
+"""Platform cycle, dead time and lag of the wheels together."""
+_NO_RATE = np.zeros(2)
+_STOPPED_SHORT = Restriction.COLLISION | Restriction.DEGRADED
 _TASK = 6
 _BITS_OF_STATUS = {
     int(Status.SINGULAR): int(Restriction.SINGULARITY),

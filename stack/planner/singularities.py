@@ -51,6 +51,11 @@ def manifold_margins(arm: ArmModel, q: ArrayLike) -> dict[str, Margin]:
     return {name: Margin(*singular.margin(angles)) for name, singular in _sets_of(arm).items()}
 
 
+def singular_sets(arm: ArmModel) -> Mapping[str, SingularSet]:
+    """The manifolds themselves, by name; ValueError for a robot whose manifolds are not known."""
+    return _sets_of(arm)
+
+
 def _sets_of(arm: ArmModel) -> Mapping[str, SingularSet]:
     return _sets(arm.name, arm.description.joints)
 

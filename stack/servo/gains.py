@@ -43,8 +43,13 @@ def load_servo_parameters(robot: str) -> ServoParameters:
     if settings.get("axes") != names:
         raise ValueError(f"{path}: axes = {settings.get('axes')} must be {names}")
     for name in (*_NUMBERS, "outputs_velocity"):
-        if len(settings.get(name, ())) != len(names):
-            raise ValueError(f"{path}: {name} must have {len(names)} entries, has {len(settings.get(name, ()))}")
+        entries, kind = settings.get(name), bool if name == "outputs_velocity" else (int, float)
+        count = len(entries) if isinstance(entries, list) else "none, it is no list"
+        if count != len(names):
+            raise ValueError(f"{path}: {name} must have {len(names)} entries, has {count}")
+        if not all(isinstance(entry, kind) for entry in entries or ()):
+            wanted = "true or false" if kind is bool else "a number"
+            raise ValueError(f"{path}: {name}: every entry must be {wanted}")
     column = {name: np.array(settings[name], dtype=np.float64) for name in _NUMBERS}
     velocity, acceleration = wheel_limits(platform) if platform else (np.empty(0), np.empty(0))
     wheels = len(velocity)

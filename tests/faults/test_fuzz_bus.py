@@ -87,7 +87,9 @@ def test_a_stranger_on_the_bus(stranger: Stranger, count: int) -> None:
         clock.run_until(BEGIN_NS + count * GAP_NS + 1_500_000_000)
         grown = resident() - before
         assert left == [0]
-        assert (fastest / robot.arm.dq_max).max() < 1.1  # whatever was injected, no joint got faster than its drive lets it
+        assert (
+            fastest / robot.arm.dq_max
+        ).max() < 1.1  # whatever was injected, no joint got faster than its drive lets it
         assert np.all(physics.q > robot.arm.q_min - 1e-3)
         assert np.all(physics.q < robot.arm.q_max + 1e-3)
         assert np.isfinite(physics.q).all()

@@ -62,6 +62,12 @@ def workers_of(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
     ]
 
 
+def listens_only_here(*processes: psutil.Process) -> bool:
+    """Some socket is open for others, and none beyond 127.0.0.1."""
+    open_at = {c.laddr.ip for p in processes for c in p.net_connections("tcp") if c.status == psutil.CONN_LISTEN}
+    return open_at == {"127.0.0.1"}
+
+
 def is_whole(out: Path, pairs: int = PAIRS) -> set[int]:
     """Every unit is there once with the number that its seed gives; the processes that computed them."""
     rows = pq.read_table(out / "results.parquet").to_pylist()
@@ -76,6 +82,7 @@ def is_whole(out: Path, pairs: int = PAIRS) -> set[int]:
 def test_a_worker_that_is_killed_is_replaced(tmp_path: Path) -> None:
     client = start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--busy", "0.02")
     wait_until(lambda: len(parts(tmp_path)) > 3, client)
+    assert listens_only_here(psutil.Process(client.pid), *workers_of(client))
     victim = workers_of(client)[0]
     victim.kill()
     ends_well(client)
@@ -128,11 +135,25 @@ def free_port() -> int:
 def test_on_a_cluster_workers_die_and_join(tmp_path: Path) -> None:
     port = free_port()
     url = f"tcp://127.0.0.1:{port}"
-    worker = ("worker", url, "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard", "--no-nanny")
-    with dask("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"), dask(*worker) as first:
+    worker = (
+        "worker",
+        url,
+        "--nthreads",
+        "1",
+        "--host",
+        "127.0.0.1",
+        "--dashboard-address",
+        "127.0.0.1:0",
+        "--no-nanny",
+    )
+    with (
+        dask("scheduler", "--host", "127.0.0.1", "--port", str(port), "--dashboard-address", "127.0.0.1:0"),
+        dask(*worker) as first,
+    ):
         client = start(tmp_path, "--pairs", str(PAIRS), "--cluster", url, "--busy", "0.02")
         wait_until(lambda: parts(tmp_path), client)
         with dask(*worker):
+            assert listens_only_here(psutil.Process(first.pid))
             first.send_signal(signal.SIGKILL)
             ends_well(client)
     assert len(is_whole(tmp_path)) == 2

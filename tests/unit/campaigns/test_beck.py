@@ -117,3 +117,16 @@ def test_only_pairs_that_all_objectives_solve_are_compared(tmp_path: Path) -> No
     assert "panda: 3 pairs" in text
     assert "| t_F (s) | 3 ± 0.82 |" in text
     assert "| solved | 4 of 4 | – | 4 of 4 | – | 3 of 4 | – |" in text
+
+
+def test_pairs_that_failed_altogether_leave_no_table(tmp_path: Path) -> None:
+    failed = pa.Table.from_pylist([{"group": "panda", "index": 0, "error": "ValueError: q_start"}])
+    assert summarise_pairs(failed, tmp_path, "").holds is None
+
+
+def test_a_pair_that_failed_is_left_out_of_the_table(tmp_path: Path) -> None:
+    good = results({"none": 1e-7, "manipulability": 1e-5, "potentials": 1e-4})
+    failed = pa.Table.from_pylist([{"group": "panda", "index": 4, "error": "ValueError: q_start"}])
+    summary = summarise_pairs(pa.concat_tables([good, failed], promote_options="permissive"), tmp_path, "")
+    assert summary.holds
+    assert "panda: 4 pairs" in (tmp_path / "summary.md").read_text()

@@ -14,6 +14,8 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from logs.blueprint import view_contents
+from logs.columns import WallClock
+from logs.detail import Detail
 from logs.events import Level
 from logs.optimise import optimise
 from logs.run_log import RunInfo, RunLog
@@ -196,3 +198,37 @@ def test_optimise_leaves_alone_what_is_no_recording(tmp_path: Path) -> None:
     assert not optimise(path)
     assert path.read_text() == "not a recording"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_minimal_recording_is_smaller_and_has_what_the_overview_shows(run: Motion, tmp_path: Path) -> None:
+    for detail in Detail:
+        (tmp_path / detail.value).mkdir()
+        log = _log(tmp_path / detail.value, detail=detail, compact=False)
+        play(run, log.on_frame, log.on_truth)
+        log.close()
+        assert log.recording_bytes == (tmp_path / detail.value / "run.rrd").stat().st_size
+    rows = {detail: _rows(tmp_path / detail.value / "run.rrd") for detail in Detail}
+    assert any(path.startswith("can/") for path in rows[Detail.FULL])
+    assert not any(path.startswith("can/") for path in rows[Detail.MINIMAL])
+    for path in ("tcp/error_mm", "joints/share", "platform/v/true", "tf/platform", "events", "states/planner/phase"):
+        assert rows[Detail.MINIMAL][path] == rows[Detail.FULL][path] > 1, path
+    full, minimal = ((tmp_path / name / "run.rrd").stat().st_size for name in ("full", "minimal"))
+    assert minimal < 0.5 * full
+
+
+def test_a_run_in_real_time_has_its_wall_clock(run: Motion, tmp_path: Path) -> None:
+    epoch_ns = 1_790_000_000_000_000_000
+    info = RunInfo("test", wall_clock=WallClock(epoch_ns, 0.5))
+    log = RunLog(
+        DEVICES.values(), "moma8", info, sync_period_ns=PERIOD_NS, recording=tmp_path / "run.rrd", event_log=None
+    )
+    play(run, log.on_frame, log.on_truth)
+    log.close()
+    for chunk in RrdReader(str(tmp_path / "run.rrd")).stream():
+        if str(chunk.entity_path) == "/joints/share" and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            t_ns = np.array(batch["sim_time"].cast(pa.int64()).to_pylist())
+            wall_ns = np.array(batch["wall_clock"].cast(pa.int64()).to_pylist())
+            assert np.all(wall_ns == epoch_ns + 2 * t_ns)
+            return
+    pytest.fail("no joints/share")

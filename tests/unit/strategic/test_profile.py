@@ -25,14 +25,14 @@ def test_covers_exactly_its_length(profile: RampProfile) -> None:
 def test_sampled_mean_velocities_add_up_to_the_length(profile: RampProfile) -> None:
     samples = int(profile.duration_s / 0.02) + 2
     total = sum(profile.mean_velocity(0.02 * i, 0.02) * 0.02 for i in range(samples))
-    assert total == pytest.approx(profile.length, rel=1e-9)
+    assert total == pytest.approx(profile.length, rel=1e-8)
 
 
 @given(profiles, st.floats(0.0, 1.0))
 def test_speed_and_acceleration_are_bounded(profile: RampProfile, share: float) -> None:
     t, dt = share * profile.duration_s, 1e-4 * profile.ramp_s
     v0, v1 = profile.mean_velocity(t - dt, dt), profile.mean_velocity(t, dt)
-    assert abs(v1) <= profile.cruise_speed * (1.0 + 1e-9)
+    assert abs(v1) <= profile.cruise_speed * (1.0 + 1e-7)
     # smoothstep's steepest slope is 1.5 / ramp
     assert abs(v1 - v0) / dt <= 1.5 * profile.cruise_speed / profile.ramp_s * (1.0 + 1e-3) + 1e-9
 

@@ -1,0 +1,130 @@
+"""The structured solver: starts, the interior-point method, what to say about the result."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stack.messages import Matrix, Vector
+from stack.strategic.trajectory import interior
+from stack.strategic.trajectory.chain import chain_table
+from stack.strategic.trajectory.potentials import Potentials, no_potentials, potentials
+from stack.strategic.trajectory.problem import Objective, Status, Trajectory, TrajectoryLimits, TrajectoryProblem
+from stack.strategic.trajectory.start import least_acceleration, moved
+
+KINDS = {
+    Objective.NONE: interior.PLAIN,
+    Objective.MANIPULABILITY: interior.AWAY,
+    Objective.POTENTIALS: interior.POTENTIAL,
+    Objective.LISTED_POTENTIALS: interior.POTENTIAL,
+}
+FIRST_BARRIER = 1e-3
+LAST_BARRIER = 1e-8
+WARM_BARRIER = 1e-4
+MOST_ITERATIONS = 300
+Begin = tuple[Matrix, Matrix, Matrix, float]
+
+
+def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None) -> Trajectory:
+    """A local optimum of the transcription; `guess` begins where an earlier solution was. Pure."""
+    limits, goal = problem.limits, problem.q_goal
+    assert isinstance(limits, TrajectoryLimits)
+    assert isinstance(goal, np.ndarray)
+    if not ((limits.q_min <= goal) & (goal <= limits.q_max)).all():
+        return _nothing(problem, Status.GOAL_OUTSIDE_LIMITS)
+    best: Trajectory | None = None
+    for begin, barrier in _starts(problem, limits, goal, guess):
+        found = _run(problem, limits, begin, barrier)
+        if best is None or _rank(found) < _rank(best):
+            best = found
+        if best.status is Status.SOLVED:
+            break
+    assert best is not None
+    return best
+
+
+def _rank(found: Trajectory) -> tuple[int, float]:
+    order = {Status.SOLVED: 0, Status.ACCEPTABLE: 1}
+    return order.get(found.status, 2), found.objective
+
+
+def _starts(problem: TrajectoryProblem, limits: TrajectoryLimits, goal: Vector, guess: Trajectory | None) -> list[tuple[Begin, float]]:
+    start, dq_start, dq_goal = np.asarray(problem.q_start), np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
+    starts: list[tuple[Begin, float]] = []
+    if guess is not None and len(guess.q) == problem.points:
+        q, w, a = moved(guess, start, dq_start, goal, dq_goal)
+        h = max(float(guess.step_s * (problem.points - 1 - _nearest(guess, start)) / (problem.points - 1)), 1e-3)
+        starts.append(((*_again(q, w, a, h, start, dq_start, goal, dq_goal), h), WARM_BARRIER))
+    reach = np.abs(goal - start)
+    stages = problem.points - 1
+    h_speed = float((1.5 * reach / limits.dq_max).max()) / stages
+    h_push = float(np.sqrt((6.0 * reach / limits.ddq_max).max())) / stages
+    energy = 12.0 * float(reach @ reach) / stages**3 * problem.weights.acceleration
+    h_best = (4.0 * energy / (problem.weights.time * problem.points)) ** 0.2
+    h = max(1.1 * h_speed, 1.1 * h_push, h_best, 1e-2)
+    for longer in (1.0, 2.0, 4.0):
+        q, w, a = least_acceleration(start, longer * h * dq_start, goal, longer * h * dq_goal, problem.points)
+        starts.append(((q, w, a, longer * h), FIRST_BARRIER))
+    return starts
+
+
+def _nearest(guess: Trajectory, start: Vector) -> int:
+    return int(np.argmin(((guess.q[: len(guess.q) - 2] - start) ** 2).sum(axis=1)))
+
+
+def _again(q: Matrix, w: Matrix, a: Matrix, h: float, start: Vector, dq_start: Vector, goal: Vector, dq_goal: Vector) -> tuple[Matrix, Matrix, Matrix]:
+    """With ends exactly those of the problem."""
+    dq, dw, da = least_acceleration(start - q[0], h * dq_start - w[0], goal - q[-1], h * dq_goal - w[-1], len(q))
+    return q + dq, w + dw, a + da
+
+
+def _table(problem: TrajectoryProblem) -> Potentials:
+    if problem.objective is Objective.POTENTIALS:
+        return potentials(problem.robot)
+    if problem.objective is Objective.LISTED_POTENTIALS:
+        return potentials(problem.robot, listed=True)
+    return no_potentials(np.asarray(problem.q_start).size)
+
+
+def arguments(problem: TrajectoryProblem) -> tuple[object, ...]:
+    """What the kernels want: chain, potentials, shape; the objective in units of `weights.time`."""
+    table, weights = _table(problem), problem.weights
+    shape = np.array([weights.singularity / weights.time, weights.epsilon, weights.height, weights.steepness])
+    return (
+        chain_table(problem.robot), table.frequencies, table.cosines, table.sines, table.conditions, table.sets, shape,
+    )  # fmt: skip
+
+
+def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, barrier: float) -> Trajectory:
+    q, w, a, h = (np.ascontiguousarray(x) for x in begin[:3]), None, None, begin[3]
+    q, w, a = (np.array(x) for x in begin[:3])
+    position = np.stack([limits.q_min, limits.q_max], axis=1)
+    speed, push = (np.stack([-x, x], axis=1) for x in (limits.dq_max, limits.ddq_max))
+    bounds = np.stack([position, speed, push, position])
+    kind, weights = KINDS[problem.objective], problem.weights
+    rest = arguments(problem)
+    numbers = interior.interior_point(
+        kind, q, w, a, h, np.array(problem.dq_start), np.array(problem.dq_goal), bounds, 1.0,
+        weights.acceleration / weights.time, *rest, barrier, LAST_BARRIER, MOST_ITERATIONS,
+    )  # type: ignore[call-arg]  # fmt: skip
+    h, value = float(numbers[interior.H]), float(numbers[interior.VALUE])
+    for end in (q[0], q[-1]):
+        value += interior.node_value(kind, np.ascontiguousarray(end), *rest)  # type: ignore[call-arg]
+    stationarity = float(numbers[interior.DECREMENT]) / (1.0 + abs(value))
+    infeasibility, barrier_end = float(numbers[interior.RESIDUAL]), float(numbers[interior.BARRIER])
+    status = Status.STALLED
+    if barrier_end <= LAST_BARRIER and stationarity <= 1e-7 and infeasibility <= 1e-8:
+        status = Status.SOLVED
+    elif infeasibility <= 1e-6 and stationarity <= 1e-2:
+        status = Status.ACCEPTABLE
+    ddq = np.vstack([a / h**2, np.zeros(a.shape[1])])
+    return Trajectory(
+        q, w / h, ddq, problem.points * h, status, int(numbers[interior.ITERATIONS]), value * weights.time,
+        stationarity, infeasibility, float(numbers[interior.GAP]) + barrier_end,
+    )  # fmt: skip
+
+
+def _nothing(problem: TrajectoryProblem, status: Status) -> Trajectory:
+    """No motion at all: the start, held."""
+    q = np.tile(np.asarray(problem.q_start), (problem.points, 1))
+    still = np.zeros_like(q)
+    return Trajectory(q, still, still, 0.0, status, 0, float("inf"), float("inf"), float("inf"), float("inf"))
