@@ -12,7 +12,7 @@ import pytest
 from config.robot import load_robot
 from drivers.catalogue import DRIVE_IDS
 from drivers.cia402.configuration import DriveSettings
-from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE
+from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE, has_gate
 from drivers.cia402.phases import EventKind, MasterPhase
 from drivers.objects import DeviceDef, PdoKind, Value
 from tests.unit.cia402.rig import with_defaults
@@ -28,10 +28,12 @@ UNTOUCHED: dict[tuple[int, int], Value] = {
     (0x1600, 0): 1,
     (0x1600, 2): 0,
     (0x1600, 3): 0,
+    (0x1401, 1): 0x319,
     (0x1401, 2): 255,
     (0x1601, 0): 2,
     (0x1601, 1): 0x6040_0010,
     (0x1601, 2): 0x6060_0008,
+    (0x1402, 1): 0x419,
     (0x1402, 2): 255,
     (0x1602, 0): 2,
     (0x1602, 1): 0x6040_0010,
@@ -78,34 +80,83 @@ def out_of_its_box(device: DeviceDef) -> DeviceDef:
     return replace(with_defaults(device, UNTOUCHED), pdos=pdos)
 
 
-def without(device: DeviceDef, *indices: int) -> DeviceDef:
-    return replace(device, objects=tuple(entry for entry in device.objects if entry.index not in indices))
-
-
-class Robot(master_cell.Cell):
-    """Ten drives with the limits of moma8, node 25 another one; set up as the planner does it."""
+def as_planner(absent_gate: bool = False) -> DriveSettings:
+    """The settings that the planner's node makes."""
+    gated = [node_id for node_id in DRIVE_IDS if not (absent_gate and node_id == NODE)]
+    gates = {node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for node_id in gated}
+    return DriveSettings(sync_period_ns=master_cell.SYNC_NS, parameters=gates)
 
 
 @pytest.fixture
-def robot(monkeypatch: pytest.MonkeyPatch) -> Any:
-    table = load_robot("moma8").devices
-    monkeypatch.setattr(master_cell, "devices", lambda: table)
-    gates = {node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for node_id in DRIVE_IDS}
+def table(monkeypatch: pytest.MonkeyPatch) -> dict[int, DeviceDef]:
+    """The devices of moma8; what the test puts in here is what the master believes."""
+    found = load_robot("moma8").devices
+    monkeypatch.setattr(master_cell, "devices", lambda: found)
+    return found
 
-    def make(device: DeviceDef | None = None) -> master_cell.Cell:
-        settings = DriveSettings(sync_period_ns=master_cell.SYNC_NS, parameters=gates)
-        return master_cell.Cell(settings=settings, drive_devices={NODE: device} if device is not None else {})
 
-    make.device = table[NODE]  # type: ignore[attr-defined]
-    return make
+def lines_of(section: str) -> list[tuple[int, int, int]]:
+    """The rows `| 607Dh sub 1 | -2356194 | ... |` below a heading: (index, sub-index, value)."""
+    text = DOCUMENT.read_text().split(f"\n## {section}\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| ([0-9A-F]{4})h(?: sub (\d+))? \| (?:([0-9A-F]+)h|(-?\d+)) \|", text, re.MULTILINE)
+    return [(int(index, 16), int(sub or 0), int(hexa, 16) if hexa else int(plain)) for index, sub, hexa, plain in rows]
 
 
 def downloads(cell: master_cell.Cell) -> list[tuple[int, int, int]]:
-    """Expedited SDO downloads to the drive: (index, sub-index, value as it is on the wire)."""
+    """Expedited SDO downloads to the drive in their order: (index, sub-index, value)."""
     found = []
     for frame in cell.wire:
         if frame.can_id == 0x600 + NODE and frame.data[0] & 0xE0 == 0x20:
-            size = 4 - (frame.data[0] >> 2 & 3)
+            data = frame.data[4 : 8 - (frame.data[0] >> 2 & 3)]
             index = int.from_bytes(frame.data[1:3], "little")
-            found.append((index, frame.data[3], int.from_bytes(frame.data[4 : 4 + size], "little", signed=index == 0x607D)))
+            found.append((index, frame.data[3], int.from_bytes(data, "little", signed=index == 0x607D)))
     return found
+
+
+def test_the_page_has_what_the_master_writes_in_its_order(table: dict[int, DeviceDef]) -> None:
+    drive = out_of_its_box(table[NODE])
+    cell = master_cell.Cell(settings=as_planner(), drive_devices={NODE: drive}).enabled()
+    assert downloads(cell) == lines_of("What the master writes")
+
+
+def test_a_bought_drive_is_refused_until_it_is_defined_as_the_page_says(table: dict[int, DeviceDef]) -> None:
+    text = DOCUMENT.read_text()
+    (program,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    scope: dict[str, Any] = {}
+    exec(compile(program, str(DOCUMENT), "exec"), scope)
+    vendor, product, absent = 0x2AB, 7, (0x2100, 0x2101, 0x2102)
+    assert f"vendor=0x{vendor:X}, product={product}, absent=(0x2100, 0x2101, 0x2102)" in text
+    drive = with_defaults(table[NODE], {(0x1018, 1): vendor, (0x1018, 2): product})
+
+    cell = master_cell.Cell(settings=as_planner(), drive_devices={NODE: drive})
+    cell.power_on()
+    cell.run(0.5)
+    (event,) = cell.failures()
+    assert (event.node_id, event.kind) == (NODE, EventKind.CONFIGURATION_FAILED)
+    assert "vendor-ID 0x0 in 1018h sub 1, came 0x2ab" in event.text
+
+    table[NODE] = scope["bought"](table[NODE], vendor, product, absent)
+    assert not has_gate(table[NODE])
+    cell = master_cell.Cell(settings=as_planner(absent_gate=True), drive_devices={NODE: drive}).enabled()
+    assert cell.master.phase is MasterPhase.ENABLED
+    asked = {int.from_bytes(frame.data[1:3], "little") for frame in cell.wire if frame.can_id == 0x600 + NODE}
+    assert 0x6007 in asked
+    assert not asked & set(absent)
+
+
+def test_what_the_page_calls_not_written_is_not_written(table: dict[int, DeviceDef]) -> None:
+    text = DOCUMENT.read_text()
+    claimed = text.split("Not written, and so yours to look after:")[1].split("\n\n")[0]
+    indices = {int(found, 16) for found in re.findall(r"\b([0-9A-F]{4})h", claimed)} - {0x605C, 0x605D}
+    assert len(indices) == 10
+    other: dict[tuple[int, int], Value] = {
+        (0x1019, 0): 0,
+        (0x1029, 1): 2,
+        (0x6084, 0): 5,
+        (0x607C, 0): 5,
+        (0x6099, 1): 5,
+    }
+    drive = with_defaults(table[NODE], other)
+    cell = master_cell.Cell(settings=as_planner(), drive_devices={NODE: drive}).enabled()
+    asked = {int.from_bytes(frame.data[1:3], "little") for frame in cell.wire if frame.can_id == 0x600 + NODE}
+    assert not asked & indices

@@ -347,7 +347,9 @@ def interior_point(
             value_try = objective(kind, q_try, a_try, h_try, time, effort, chain, f, fa, fb, conditions, sets, shape)
             logs, off = _slack_merit(q_try, w_try, a_try, h_try, bounds, s, ds, alpha, s_try)
             new = value_try - mu * logs + penalty * off
-            if new <= merit + 1e-4 * alpha * min(down, 0.0) + 1e-12 * (1.0 + abs(merit)):
+            # Where the decrement is next to rounding, the merit's differences say nothing any more.
+            flat = decrement <= 1e-8 * (1.0 + abs(value)) and off < 1e-6
+            if flat or new <= merit + 1e-4 * alpha * min(down, 0.0) + 1e-12 * (1.0 + abs(merit)):
                 accepted = True
                 break
             alpha *= 0.5

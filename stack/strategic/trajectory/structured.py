@@ -30,7 +30,7 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
     assert isinstance(limits, TrajectoryLimits)
     assert isinstance(goal, np.ndarray)
     if not ((limits.q_min <= goal) & (goal <= limits.q_max)).all():
-        return _nothing(problem, Status.GOAL_OUTSIDE_LIMITS)
+        return nothing(problem, Status.GOAL_OUTSIDE_LIMITS)
     best: Trajectory | None = None
     for begin, barrier in _starts(problem, limits, goal, guess):
         found = _run(problem, limits, begin, barrier)
@@ -54,17 +54,24 @@ def _starts(problem: TrajectoryProblem, limits: TrajectoryLimits, goal: Vector, 
         q, w, a = moved(guess, start, dq_start, goal, dq_goal)
         h = max(float(guess.step_s * (problem.points - 1 - _nearest(guess, start)) / (problem.points - 1)), 1e-3)
         starts.append(((*_again(q, w, a, h, start, dq_start, goal, dq_goal), h), WARM_BARRIER))
+    h = first_step(problem)
+    for longer in (1.0, 2.0, 4.0):
+        q, w, a = least_acceleration(start, longer * h * dq_start, goal, longer * h * dq_goal, problem.points)
+        starts.append(((q, w, a, longer * h), FIRST_BARRIER))
+    return starts
+
+
+def first_step(problem: TrajectoryProblem) -> float:
+    """Step (s) of the cubic to begin with: the best one without singularities, or as long as speed and acceleration want it."""
+    limits, start, goal = problem.limits, np.asarray(problem.q_start), np.asarray(problem.q_goal)
+    assert isinstance(limits, TrajectoryLimits)
     reach = np.abs(goal - start)
     stages = problem.points - 1
     h_speed = float((1.5 * reach / limits.dq_max).max()) / stages
     h_push = float(np.sqrt((6.0 * reach / limits.ddq_max).max())) / stages
     energy = 12.0 * float(reach @ reach) / stages**3 * problem.weights.acceleration
     h_best = (4.0 * energy / (problem.weights.time * problem.points)) ** 0.2
-    h = max(1.1 * h_speed, 1.1 * h_push, h_best, 1e-2)
-    for longer in (1.0, 2.0, 4.0):
-        q, w, a = least_acceleration(start, longer * h * dq_start, goal, longer * h * dq_goal, problem.points)
-        starts.append(((q, w, a, longer * h), FIRST_BARRIER))
-    return starts
+    return max(1.1 * h_speed, 1.1 * h_push, h_best, 1e-2)
 
 
 def _nearest(guess: Trajectory, start: Vector) -> int:
@@ -95,15 +102,14 @@ def arguments(problem: TrajectoryProblem) -> tuple[object, ...]:
 
 
 def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, barrier: float) -> Trajectory:
-    q, w, a, h = (np.ascontiguousarray(x) for x in begin[:3]), None, None, begin[3]
-    q, w, a = (np.array(x) for x in begin[:3])
+    q, w, a = (np.array(x, order="C") for x in begin[:3])
     position = np.stack([limits.q_min, limits.q_max], axis=1)
     speed, push = (np.stack([-x, x], axis=1) for x in (limits.dq_max, limits.ddq_max))
     bounds = np.stack([position, speed, push, position])
     kind, weights = KINDS[problem.objective], problem.weights
     rest = arguments(problem)
     numbers = interior.interior_point(
-        kind, q, w, a, h, np.array(problem.dq_start), np.array(problem.dq_goal), bounds, 1.0,
+        kind, q, w, a, begin[3], np.array(problem.dq_start), np.array(problem.dq_goal), bounds, 1.0,
         weights.acceleration / weights.time, *rest, barrier, LAST_BARRIER, MOST_ITERATIONS,
     )  # type: ignore[call-arg]  # fmt: skip
     h, value = float(numbers[interior.H]), float(numbers[interior.VALUE])
@@ -123,7 +129,7 @@ def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, bar
     )  # fmt: skip
 
 
-def _nothing(problem: TrajectoryProblem, status: Status) -> Trajectory:
+def nothing(problem: TrajectoryProblem, status: Status) -> Trajectory:
     """No motion at all: the start, held."""
     q = np.tile(np.asarray(problem.q_start), (problem.points, 1))
     still = np.zeros_like(q)
