@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-NAMES = ("stack", "physics", "bus", "drives", "resolvers", "recorder")
+NAMES = ("stack", "physics", "bus", "drives", "resolvers", "recorder", "trajectory")
 
 
 def main(wanted: list[str]) -> int:

@@ -1,4 +1,4 @@
-"""The same transcription for IPOPT and fatrop, by CasADi (a dependency of the benchmarks only): objective, limits, control points and all."""
+"""The same transcription for IPOPT and fatrop, by CasADi (only the benchmarks need it): same objective, limits, control points."""
 
 from __future__ import annotations
 
@@ -88,7 +88,11 @@ class Reference:
         if solver == "ipopt":
             options |= {"ipopt": {"print_level": 0, "sb": "yes", "max_iter": 1000}}
         else:
-            options |= {"structure_detection": "auto", "equality": equal, "fatrop": {"print_level": 0, "max_iter": 1000}}
+            options |= {
+                "structure_detection": "auto",
+                "equality": equal,
+                "fatrop": {"print_level": 0, "max_iter": 1000},
+            }
         self.low, self.high = np.array(low), np.array(high)
         self.call = ca.nlpsol("reference", solver, problem, options)
 

@@ -182,7 +182,7 @@ def soak(minutes: float, seed: int, folder: Path, *, quiet: bool = False) -> int
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"soak-{seed}-{cases}.toml"
             scenario = case.scenario.model_copy(update={"duration_s": case.duration_s, "expect": ()})
-            path.write_text(f"# {failure.what}\n{dump_scenario(scenario)}", encoding="utf-8")
+            path.write_text(f"# {' '.join(failure.what.split())}\n{dump_scenario(scenario)}", encoding="utf-8")
             click.echo(f"  smallest: {case.text}\n  {failure.what}\n  canipulator run {path}", err=True)
     click.echo(f"soak, seed {seed}: {cases} cases in {time.monotonic() - began:.0f} s, {failures} failures")
     return failures

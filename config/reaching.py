@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -12,10 +13,12 @@ from pydantic import model_validator
 from config.errors import ConfigError
 from config.table import Finite, NotNegative, Table, Vector3
 from stack.kinematics.arm import ArmModel
-from stack.messages import Matrix
-from stack.strategic.point_to_point import Choose, Goal, Plan, PointToPoint
+from stack.messages import Matrix, Vector
+from stack.strategic.point_to_point import Choose, Goal, JointPath, Plan, PointToPoint
 from stack.strategic.reach import Reach
 from stack.strategic.straight import straight_path
+from stack.strategic.trajectory import Objective as TrajectoryObjective
+from stack.strategic.trajectory import Trajectory, TrajectoryLimits, TrajectoryProblem, Weights, solve
 
 Objective = Literal["straight", "none", "manipulability", "potentials"]
 Postures = Callable[[ArmModel], Choose]
@@ -55,12 +58,19 @@ def reach(pose: PoseTable, speed: float, rate: float | None, ramp_s: float) -> R
     return Reach(np.array(pose.position_m), speed, rate or 0.8, ramp_s, pose.rotation())
 
 
-def point_to_point(goals: tuple[GoalTable, ...], objective: Objective, arm: ArmModel, choose: Choose, where: str) -> PointToPoint:
+def point_to_point(
+    goals: tuple[GoalTable, ...], objective: Objective, arm: ArmModel, choose: Choose, where: str
+) -> PointToPoint:
     """The motion of a step of kind `joints`.
 
     Raises ConfigError for configurations of the wrong length or outside the joint limits.
     """
-    return PointToPoint(tuple(_goal(goal, arm, f"{where}: goal.{i}") for i, goal in enumerate(goals)), _plan(objective, arm), choose, arm.pose)
+    return PointToPoint(
+        tuple(_goal(goal, arm, f"{where}: goal.{i}") for i, goal in enumerate(goals)),
+        _plan(objective, arm),
+        choose,
+        arm.pose,
+    )
 
 
 def _goal(table: GoalTable, arm: ArmModel, where: str) -> Goal:
@@ -83,7 +93,42 @@ def _goal(table: GoalTable, arm: ArmModel, where: str) -> Goal:
 def _plan(objective: Objective, arm: ArmModel) -> Plan:
     if objective == "straight":
         return partial(straight_path, dq_max=arm.dq_max, ddq_max=arm.ddq_max)
-    raise ConfigError(f"objective {objective!r}: not there yet")
+    aim = TrajectoryObjective(objective)
+
+    def plan(q: Vector, dq: Vector, goal: Vector) -> JointPath | str:
+        # An arm that stands on a limit leaves an interior-point method no interior.
+        limits = TrajectoryLimits(
+            np.minimum(arm.q_min, np.minimum(q, goal) - ROOM),
+            np.maximum(arm.q_max, np.maximum(q, goal) + ROOM),
+            arm.dq_max,
+            arm.ddq_max,
+        )
+        problem = TrajectoryProblem(arm.name, q, goal, dq_start=dq, objective=aim, limits=limits, weights=QUICK)
+        trajectory = solve(problem)
+        return Planned(trajectory) if trajectory.status.usable else trajectory.message
+
+    return plan
+
+
+ROOM = 2e-3
+"""rad, m; the planner keeps to the limits themselves, whatever the trajectory does in between."""
+QUICK = Weights(time=2000.0)
+"""The arm is to use the speed that it has: the paper's weight makes leisurely motions of slow joints."""
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """A trajectory as the motion wants it."""
+
+    trajectory: Trajectory
+
+    @property
+    def duration_s(self) -> float:
+        return self.trajectory.duration_s
+
+    def at(self, t_s: float) -> tuple[Vector, Vector]:
+        q, dq, _ = self.trajectory.at(t_s)
+        return q, dq
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Matrix:

@@ -16,6 +16,7 @@ from logs.signals import Ints, Signal
 
 TIMELINE = "sim_time"
 WALL_CLOCK = "wall_clock"
+KEPT_CYCLES = 1024
 _SCALARS = next(iter(rr.Scalars.columns(scalars=[0.0]))).component_descriptor()
 _TEXT, _LEVEL = (column.component_descriptor() for column in rr.TextLog.columns(text=[""], level=["INFO"]))
 
@@ -68,10 +69,10 @@ class ColumnSender:
         self._indexes: dict[bytes, list[_Times]] = {}
 
     def begin_block(self, sync: Signal | None) -> None:
-        """Keeps the SYNC times of this block and the last one: rows may be a little older than their block."""
+        """Keeps the SYNC times of this block and those before it: rows may be older than their block."""
         self._indexes.clear()
         if sync is not None:
-            keep = len(sync) + 64
+            keep = len(sync) + KEPT_CYCLES
             self._sync_ns = np.append(self._sync_ns, sync.t_ns)[-keep:]
             self._sync_cycle = np.append(self._sync_cycle, sync.values.astype(np.int64))[-keep:]
 

@@ -38,6 +38,16 @@ class FrameBatch:
             payload=np.frombuffer(joined, np.uint8).reshape(n, 8),
         )
 
+    @staticmethod
+    def joined(batches: Sequence[FrameBatch]) -> FrameBatch:
+        """One batch of several, in their order."""
+        return FrameBatch(
+            can_id=np.concatenate([batch.can_id for batch in batches]),
+            t_ns=np.concatenate([batch.t_ns for batch in batches]),
+            length=np.concatenate([batch.length for batch in batches]),
+            payload=np.concatenate([batch.payload for batch in batches]),
+        )
+
     def sync_times(self) -> Ints:
         """Times of the SYNC frames."""
         times: Ints = self.t_ns[self.can_id == SYNC_ID]

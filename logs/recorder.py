@@ -19,6 +19,7 @@ from logs.blueprint import Stage, blueprint
 from logs.columns import ColumnSender, WallClock
 from logs.detail import Detail
 from logs.events import Event
+from logs.frame_batch import FrameBatch
 from logs.frame_lines import FrameLineWriter
 from logs.plots import MINIMAL_PLOTS, Plots, all_series
 from logs.scene import Scene
@@ -29,6 +30,7 @@ from stack.messages import Vector
 
 APPLICATION = "canipulator"
 FLUSH_TIMEOUT_S = 2.0
+FRAME_BLOCKS = 5
 RESTRICTIONS = "planner/restrictions"
 STATE_LANES = ("mission/mode", "mission/step", "planner/phase", RESTRICTIONS, SINGULARITIES, "drives/all")
 
@@ -74,6 +76,7 @@ class RerunRecorder:
         self._frame_lines = FrameLineWriter(devices) if detail is Detail.FULL else None
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._ends: dict[str, tuple[Vector, Vector]] = {}
+        self._batches: list[FrameBatch] = []
         self._styled: set[str] = set()
         self._restrictions: set[str] = {"none"}
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
@@ -96,8 +99,9 @@ class RerunRecorder:
         self._send_states(block.states)
         self._send_events(block.events)
         if self._frame_lines is not None and block.frames is not None:
-            for line in self._frame_lines.lines(block.frames):
-                columns.texts(line.path, line.t_ns, line.texts)
+            self._batches.append(block.frames)
+            if len(self._batches) >= FRAME_BLOCKS:
+                self._send_frames()
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
 
     def close(self) -> None:
@@ -105,8 +109,16 @@ class RerunRecorder:
         if self._ends:
             stage = Stage.of(self._ends["truth/pose_WE"], self._ends["truth/pose_WB"], self._low, self._high)
             self._stream.send_blueprint(blueprint(self._arm, stage, self._info.around, self._detail))
+        self._send_frames()
         self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         self._stream.disconnect()
+
+    def _send_frames(self) -> None:
+        """The frames of several blocks at once: they are the greater part, and bus.log has those that are lost with a killed run."""
+        if self._frame_lines is not None and self._batches:
+            for line in self._frame_lines.lines(FrameBatch.joined(self._batches)):
+                self._columns.texts(line.path, line.t_ns, line.texts)
+        self._batches.clear()
 
     def abandon(self) -> None:
         """Gives the stream up without closing it: after a disk fault its destructor, and the SDK's own clean-up at the end of the

@@ -59,7 +59,7 @@ class BeckCampaign:
         note = (
             f"Weights: {w.time:g} on t_F (the paper prints 1; 556 was fitted on its first column), {w.acceleration:g} on accelerations, "
             f"w_m = {w.singularity:g}, ε = {w.epsilon:g}, exp η₁ = {w.height:g}, η₂ = {w.steepness:g}. Ends below m = "
-            f"{LEAST_MANIPULABILITY:g} drawn again. m_min and m_max over all pairs. Computing time: the processor's, of one solve, compiled before."
+            f"{LEAST_MANIPULABILITY:g} drawn again. m_min and m_max over all pairs. Computing time: the processor's, of one solve."
         )
         return summarise_pairs(results, out, note)
 

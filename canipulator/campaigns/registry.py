@@ -12,7 +12,7 @@ CAMPAIGNS: Mapping[str, str] = {
     "beck": "canipulator.campaigns.beck:beck_campaign",
     "slip": "canipulator.campaigns.scenarios:slip_campaign",
     "methods": "canipulator.campaigns.scenarios:methods_campaign",
-    "soak": "canipulator.soak:soak_campaign",
+    "soak": "canipulator.campaigns.soak:soak_campaign",
 }
 """`module:function`; the function takes `duration_s` (--duration, or None) and gives the Campaign."""
 

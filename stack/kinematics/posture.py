@@ -18,6 +18,8 @@ from stack.kinematics.proximity import BodyDistances
 _FIRST_STEP = (0.08, 0.4)
 _LAST_STEP = 1e-3
 _STARTS = 12
+_MARGIN = 0.02
+"""m: a lift that stands on its limit has no room left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +75,8 @@ def _from_map(arm: ArmModel, T: Array, pose_map: PoseMap | None, value: Value) -
     if posture is None:
         return None
     q = np.concatenate(([0.0, 0.0], posture, [0.0]))
-    lift = min(max(float(T[2, 3] - arm.pose(q)[2, 3]), float(arm.q_min[1])), float(arm.q_max[1]))
+    low, high = float(arm.q_min[1]) + _MARGIN, float(arm.q_max[1]) - _MARGIN
+    lift = min(max(float(T[2, 3] - arm.pose(q)[2, 3]), low), high)
     try:
         phi = elbow_angle(arm, q)
     except ValueError:  # stretched: φ does not matter
@@ -82,7 +85,7 @@ def _from_map(arm: ArmModel, T: Array, pose_map: PoseMap | None, value: Value) -
 
 
 def _from_grid(arm: ArmModel, value: Value) -> Posture | None:
-    lifts = np.linspace(arm.q_min[1], arm.q_max[1], 7)
+    lifts = np.linspace(arm.q_min[1] + _MARGIN, arm.q_max[1] - _MARGIN, 7)
     angles = np.linspace(-math.pi, math.pi, _STARTS, endpoint=False)
     found = [value(float(lift), float(phi)) for lift in lifts for phi in angles]
     return max((p for p in found if p is not None), key=lambda p: p.manipulability, default=None)
@@ -92,7 +95,7 @@ def _best_branch(
     arm: ArmModel, T: Array, lift: float, phi: float, bodies: BodyDistances | None, clearance: float
 ) -> Posture | None:
     """The most dexterous of the up to eight branches inside the limits and clear of collisions."""
-    if not arm.q_min[1] <= lift <= arm.q_max[1]:
+    if not arm.q_min[1] + _MARGIN <= lift <= arm.q_max[1] - _MARGIN:
         return None
     circle = elbow_circle(arm, T, lift)
     if circle is None:

@@ -142,3 +142,14 @@ def test_what_others_have_queued_keeps_its_order_when_a_port_goes(identifiers, o
     wire.bus.disconnect("b")
     wire.clock.run_until(2 * MS)
     assert [frame.can_id for frame in wire.seen] == [i for i in range(12) if i not in of_the_lost]
+
+
+def test_a_frame_without_acknowledgement_is_sent_twice_and_judged_once():
+    wire = Faulty(Verdict(repeat=True))
+    wire.a.send(0x100, b"\x07")
+    wire.a.send(0x101, b"")
+    wire.clock.run_until(MS)
+    assert [frame.can_id for frame in wire.heard] == [0x100, 0x100, 0x101]
+    assert wire.heard[1].t_ns - wire.heard[0].t_ns == bit_length(0x100, b"\x07") * 1000
+    assert wire.judged == [("a", 0x100), ("a", 0x101)]
+    assert wire.a.queued == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -16,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -24,13 +26,14 @@ from canipulator.campaigns.beck import beck_campaign
 from canipulator.campaigns.beck_pairs import draw_pair
 from canipulator.campaigns.campaign import Batch, unit_generator
 from canipulator.campaigns.scenarios import methods_campaign
+from canipulator.campaigns.soak import soak_campaign
 from canipulator.campaigns.store import Store
 from canipulator.campaigns.workers import compute_batch
 from canipulator.cli import cli
 from stack.kinematics import ArmModel
 
 ROOT = Path(__file__).resolve().parents[2]
-PAIRS = 100
+PAIRS = 80
 BATCH = 5
 PATIENCE_S = 60.0
 
@@ -60,9 +63,12 @@ def wait_until(condition: Callable[[], object], process: subprocess.Popen[bytes]
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
     """The client's children that compute (not multiprocessing's resource tracker)."""
-    return [
-        child for child in psutil.Process(process.pid).children(recursive=True) if "spawn_main" in str(child.cmdline())
-    ]
+    found = []
+    for child in psutil.Process(process.pid).children(recursive=True):
+        with contextlib.suppress(psutil.Error):  # it has been killed
+            if "spawn_main" in str(child.cmdline()):
+                found.append(child)
+    return found
 
 
 def listens_only_here(*processes: psutil.Process) -> bool:
@@ -83,7 +89,7 @@ def is_whole(out: Path, pairs: int = PAIRS) -> set[int]:
 
 @pytest.mark.slow
 def test_workers_and_the_client_are_killed_and_nothing_is_lost(tmp_path: Path) -> None:
-    client = start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--busy", "0.1")
+    client = start(tmp_path, "--pairs", str(PAIRS), "--jobs", "2", "--busy", "0.07")
     wait_until(lambda: len(parts(tmp_path)) > 3, client)
     first = workers_of(client)
     assert listens_only_here(psutil.Process(client.pid), *first)
@@ -171,6 +177,20 @@ def test_whole_runs_become_a_table(tmp_path: Path) -> None:
     assert seeds[0] == seeds[1] != seeds[2], "run i has the same seed in every variant"
     assert "| gradient-case4 | 2 | 0 |" in (tmp_path / "summary.md").read_text()
     assert (tmp_path / "methods.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_soaked_case_is_the_same_on_every_worker_and_a_failure_leaves_its_scenario(tmp_path: Path) -> None:
+    soak = soak_campaign(0.2)
+    one, again = (compute_batch(soak, 1, Batch("cases", 3, 1)).rows for _ in range(2))
+    assert one == again
+    assert one[0]["error"] is None
+    failed = one[0] | {"index": 4, "failure": "q = nan", "smallest": "title = 'kept'"}
+    good = one[0] | {"failure": None, "smallest": None}
+    summary = soak.summarise(pa.Table.from_pylist([good, failed]), tmp_path)
+    assert summary.holds is False
+    assert (tmp_path / "soak-4.toml").read_text() == "# q = nan\ntitle = 'kept'"
+    assert f"| {one[0]['task']} | 2 | 1 |" in (tmp_path / "summary.md").read_text()
 
 
 @pytest.mark.slow

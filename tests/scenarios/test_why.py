@@ -28,7 +28,7 @@ def faulted(folder: Path, *faults: str, detail: Detail = Detail.MINIMAL, duratio
         ("over-current:node=23", "shoulder", "over current"),
         ("over-current:node=12", "wheel_right", "over current"),
         ("encoder-lost:node=27", "wrist_tilt", "sensor"),
-        ("following-error:node=23,amount=0", "shoulder", "following error"),
+        ("following-error:node=22,amount=0", "tower_lift", "fault of drive tower_lift: EMCY 8"),
         ("drive-reboot:node=25", "elbow", "fell silent"),
         ("bus-off:node=26", "lower_arm", "fell silent"),
         ("planner-killed", "planner", "the planner fell silent"),

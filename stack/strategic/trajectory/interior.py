@@ -33,9 +33,9 @@ def node_value(
 ) -> float:  # fmt: skip
     """Singularity cost of one node; `shape` = (weight, ε, height, steepness)."""
     if kind == 1:
-        return shape[0] / (manipulability_gradient(chain, q, np.empty(q.size)) + shape[1])
+        return float(shape[0] / (manipulability_gradient(chain, q, np.empty(q.size)) + shape[1]))
     if kind == 2:
-        return shape[0] * potential_value(q, f, a, b, conditions, sets, shape[2], shape[3])
+        return float(shape[0] * potential_value(q, f, a, b, conditions, sets, shape[2], shape[3]))
     return 0.0
 
 
@@ -88,7 +88,7 @@ def objective(
     conditions: NDArray[np.int64], sets: NDArray[np.int64], shape: Vector,
 ) -> float:  # fmt: skip
     """time · N h + effort · Σ|a|²/h⁴ + Σ over the inner nodes of the singularity cost."""
-    value = time * q.shape[0] * h + effort * np.sum(a * a) / h**4
+    value = float(time * q.shape[0] * h + effort * np.sum(a * a) / h**4)
     if kind != 0:
         for k in range(1, q.shape[0] - 1):
             value += node_value(kind, q[k], chain, f, fa, fb, conditions, sets, shape)
@@ -98,12 +98,12 @@ def objective(
 @compiled
 def _expression(kind: int, k: int, i: int, q: Matrix, w: Matrix, a: Matrix) -> float:
     if kind == 0:
-        return q[k, i]
+        return float(q[k, i])
     if kind == 1:
-        return w[k, i]
+        return float(w[k, i])
     if kind == 2:
-        return a[k, i]
-    return q[k, i] + 0.5 * w[k, i]
+        return float(a[k, i])
+    return float(q[k, i] + 0.5 * w[k, i])
 
 
 @compiled
@@ -328,7 +328,7 @@ def interior_point(
             penalty = max(penalty, 2.0 * down / total_residual)
         down -= penalty * total_residual
         # --- done, or the next barrier
-        settled = decrement <= 0.3 * mu * 10.0 and residual <= max(1e-7, 0.1 * mu) and gap <= 10.0 * mu
+        settled = decrement <= 3.0 * mu and residual <= max(1e-7, 0.1 * mu) and gap <= 10.0 * mu
         if mu <= barrier_last and decrement <= 1e-7 * (1.0 + abs(value)) and residual <= 1e-8 and gap <= 10.0 * mu:
             break
         # --- line search on the merit function

@@ -33,11 +33,17 @@ class Status(Enum):
     """How a solution ended; `.value` says what to do about it."""
 
     SOLVED = "solved"
-    ACCEPTABLE = "every limit holds, the optimum is met only roughly: usable; a guess from a neighbouring problem refines it"
+    ACCEPTABLE = (
+        "every limit holds, the optimum is met only roughly: usable; a guess from a neighbouring problem refines it"
+    )
     STALLED = "no optimum was found: do not use it; plan again from a guess, with longer motion (smaller time weight) or wider limits"
-    START_CANNOT_STOP = "the start is outside its limits or too fast to stop before them: brake first, or widen the position limits"
+    START_CANNOT_STOP = (
+        "the start is outside its limits or too fast to stop before them: brake first, or widen the position limits"
+    )
     GOAL_OUTSIDE_LIMITS = "the goal is outside the joint limits: choose a goal inside them"
-    POSE_OUT_OF_REACH = "no configuration inside the joint limits has the goal's pose: move the platform or choose another pose"
+    POSE_OUT_OF_REACH = (
+        "no configuration inside the joint limits has the goal's pose: move the platform or choose another pose"
+    )
 
     @property
     def usable(self) -> bool:

@@ -15,13 +15,11 @@ from stack.messages import Matrix, Vector
 
 
 @compiled
-def factorise(
-    Qq: Matrix, Qm: Matrix, Qw: Matrix, R: Matrix, P: Matrix, Z: Matrix, L: Matrix
-) -> bool:
+def factorise(Qq: Matrix, Qm: Matrix, Qw: Matrix, R: Matrix, P: Matrix, Z: Matrix, L: Matrix) -> bool:
     """Backward pass over N − 1 stages; False if the problem is not convex along the dynamics (nothing is usable then).
 
-    Stage Hessian: `Qq` (N−1, n, n) of q; diagonals `Qw` of w, `Qm` of their product, `R` of a, (N−1, n) each. Fills `L` (N−1, n, n) Cholesky
-    factors, `Z` (N−1, n, 2n) = L⁻¹ Bᵀ P A, and uses `P` (2n, 2n).
+    Stage Hessian: `Qq` (N−1, n, n) of q; diagonals `Qw` of w, `Qm` of their product, `R` of a, (N−1, n) each. Fills `L` (N−1, n, n)
+    Cholesky factors, `Z` (N−1, n, 2n) = L⁻¹ Bᵀ P A, and uses `P` (2n, 2n).
     """
     stages, n = R.shape
     e = stages - 2
@@ -55,7 +53,7 @@ def factorise(
                 for m in range(j):
                     total -= L[k, i, m] * L[k, j, m]
                 if i == j:
-                    if not total > 1e-14:
+                    if not total > 1e-6 * R[k, i]:
                         return False
                     L[k, i, i] = math.sqrt(total)
                 else:

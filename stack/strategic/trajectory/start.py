@@ -29,7 +29,9 @@ def rolled_out(q_start: Vector, w_start: Vector, a: Matrix) -> tuple[Matrix, Mat
     return q, w, np.ascontiguousarray(a)
 
 
-def moved(guess: Trajectory, q_start: Vector, dq_start: Vector, q_goal: Vector, dq_goal: Vector) -> tuple[Matrix, Matrix, Matrix]:
+def moved(
+    guess: Trajectory, q_start: Vector, dq_start: Vector, q_goal: Vector, dq_goal: Vector
+) -> tuple[Matrix, Matrix, Matrix]:
     """The rest of `guess` from where it is nearest to the start, resampled, with its ends corrected by a cubic."""
     points = len(guess.q)
     first = int(np.argmin(((guess.q[: points - 2] - q_start) ** 2).sum(axis=1)))

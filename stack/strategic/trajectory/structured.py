@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from stack.messages import Matrix, Vector
@@ -31,6 +33,8 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
     assert isinstance(goal, np.ndarray)
     if not ((limits.q_min <= goal) & (goal <= limits.q_max)).all():
         return nothing(problem, Status.GOAL_OUTSIDE_LIMITS)
+    if _cannot_stop(problem, limits):
+        return nothing(problem, Status.START_CANNOT_STOP)
     best: Trajectory | None = None
     for begin, barrier in _starts(problem, limits, goal, guess):
         found = _run(problem, limits, begin, barrier)
@@ -42,12 +46,22 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
     return best
 
 
+def _cannot_stop(problem: TrajectoryProblem, limits: TrajectoryLimits) -> bool:
+    """Whether braking as hard as possible from now on ends outside the position limits, or the start is outside already."""
+    start, speed = np.asarray(problem.q_start), np.asarray(problem.dq_start)
+    ahead = start + 0.5 * speed * np.abs(speed) / limits.ddq_max
+    low, high = np.minimum(start, ahead), np.maximum(start, ahead)
+    return bool((low < limits.q_min).any() or (high > limits.q_max).any() or (np.abs(speed) > limits.dq_max).any())
+
+
 def _rank(found: Trajectory) -> tuple[int, float]:
     order = {Status.SOLVED: 0, Status.ACCEPTABLE: 1}
     return order.get(found.status, 2), found.objective
 
 
-def _starts(problem: TrajectoryProblem, limits: TrajectoryLimits, goal: Vector, guess: Trajectory | None) -> list[tuple[Begin, float]]:
+def _starts(
+    problem: TrajectoryProblem, limits: TrajectoryLimits, goal: Vector, guess: Trajectory | None
+) -> list[tuple[Begin, float]]:
     start, dq_start, dq_goal = np.asarray(problem.q_start), np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
     starts: list[tuple[Begin, float]] = []
     if guess is not None and len(guess.q) == problem.points:
@@ -71,14 +85,16 @@ def first_step(problem: TrajectoryProblem) -> float:
     h_push = float(np.sqrt((6.0 * reach / limits.ddq_max).max())) / stages
     energy = 12.0 * float(reach @ reach) / stages**3 * problem.weights.acceleration
     h_best = (4.0 * energy / (problem.weights.time * problem.points)) ** 0.2
-    return max(1.1 * h_speed, 1.1 * h_push, h_best, 1e-2)
+    return max(1.1 * h_speed, 1.1 * h_push, float(h_best), 1e-2)
 
 
 def _nearest(guess: Trajectory, start: Vector) -> int:
     return int(np.argmin(((guess.q[: len(guess.q) - 2] - start) ** 2).sum(axis=1)))
 
 
-def _again(q: Matrix, w: Matrix, a: Matrix, h: float, start: Vector, dq_start: Vector, goal: Vector, dq_goal: Vector) -> tuple[Matrix, Matrix, Matrix]:
+def _again(
+    q: Matrix, w: Matrix, a: Matrix, h: float, start: Vector, dq_start: Vector, goal: Vector, dq_goal: Vector
+) -> tuple[Matrix, Matrix, Matrix]:
     """With ends exactly those of the problem."""
     dq, dw, da = least_acceleration(start - q[0], h * dq_start - w[0], goal - q[-1], h * dq_goal - w[-1], len(q))
     return q + dq, w + dw, a + da
@@ -92,7 +108,7 @@ def _table(problem: TrajectoryProblem) -> Potentials:
     return no_potentials(np.asarray(problem.q_start).size)
 
 
-def arguments(problem: TrajectoryProblem) -> tuple[object, ...]:
+def arguments(problem: TrajectoryProblem) -> tuple[Any, ...]:
     """What the kernels want: chain, potentials, shape; the objective in units of `weights.time`."""
     table, weights = _table(problem), problem.weights
     shape = np.array([weights.singularity / weights.time, weights.epsilon, weights.height, weights.steepness])
@@ -107,14 +123,15 @@ def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, bar
     speed, push = (np.stack([-x, x], axis=1) for x in (limits.dq_max, limits.ddq_max))
     bounds = np.stack([position, speed, push, position])
     kind, weights = KINDS[problem.objective], problem.weights
-    rest = arguments(problem)
-    numbers = interior.interior_point(
+    rest: Any = arguments(problem)
+    interior_point: Any = interior.interior_point  # its arguments come in bundles
+    numbers = interior_point(
         kind, q, w, a, begin[3], np.array(problem.dq_start), np.array(problem.dq_goal), bounds, 1.0,
         weights.acceleration / weights.time, *rest, barrier, LAST_BARRIER, MOST_ITERATIONS,
-    )  # type: ignore[call-arg]  # fmt: skip
+    )  # fmt: skip
     h, value = float(numbers[interior.H]), float(numbers[interior.VALUE])
     for end in (q[0], q[-1]):
-        value += interior.node_value(kind, np.ascontiguousarray(end), *rest)  # type: ignore[call-arg]
+        value += interior.node_value(kind, np.ascontiguousarray(end), *rest)
     stationarity = float(numbers[interior.DECREMENT]) / (1.0 + abs(value))
     infeasibility, barrier_end = float(numbers[interior.RESIDUAL]), float(numbers[interior.BARRIER])
     status = Status.STALLED
