@@ -23,6 +23,8 @@ FIRST_BARRIER = 1e-3
 LAST_BARRIER = 1e-8
 WARM_BARRIER = 1e-4
 MOST_ITERATIONS = 300
+WIDTH = 1e-6
+"""How far (rad, m) positions between the nodes may pass a limit, and only that of a joint which starts or ends on it."""
 Begin = tuple[Matrix, Matrix, Matrix, float]
 
 
@@ -121,7 +123,12 @@ def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, bar
     q, w, a = (np.array(x, order="C") for x in begin[:3])
     position = np.stack([limits.q_min, limits.q_max], axis=1)
     speed, push = (np.stack([-x, x], axis=1) for x in (limits.dq_max, limits.ddq_max))
-    bounds = np.stack([position, speed, push, position])
+    # An end on its limit is a control point itself: without this width its slack would be zero for good.
+    ends = np.stack([np.asarray(problem.q_start), np.asarray(problem.q_goal)])
+    between = np.stack(
+        [np.minimum(limits.q_min, ends.min(axis=0) - WIDTH), np.maximum(limits.q_max, ends.max(axis=0) + WIDTH)], axis=1
+    )
+    bounds = np.stack([position, speed, push, between])
     kind, weights = KINDS[problem.objective], problem.weights
     rest: Any = arguments(problem)
     interior_point: Any = interior.interior_point  # its arguments come in bundles

@@ -77,6 +77,16 @@ def test_replans_from_a_moving_state_with_the_guess(robot):
     assert_inside(again, limits)
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_goal_exactly_on_a_limit_is_reached(robot):
+    start, goal = pair(robot, 5)
+    limits = limits_of(robot)
+    goal[0], start[2] = limits.q_max[0], limits.q_min[2]
+    found = solve(TrajectoryProblem(robot, start, goal, objective=Objective.POTENTIALS))
+    assert found.status is Status.SOLVED
+    assert_inside(found, limits, slack=2e-6)
+
+
 def test_a_heavier_time_weight_is_faster():
     start, goal = pair("iiwa14", 2)
     times = [
