@@ -57,8 +57,8 @@ def map_command(kind: str, samples: int | None, out: Path | None) -> None:
 def report_command(sets: tuple[str, ...], out: Path, jobs: int | None, duration: float | None) -> None:
     """Run sets of sliding doors and write one HTML page about them, next to what the thesis says.
 
-    SETs: cases (four cases of preferences), coordination (abc, unified, arm only), cycles (arm cycles in a platform cycle), slip (0 to 5 %),
-    methods (pns, fsp, gradient, qp). All of them by default, 30 runs.
+    SETs: cases (four cases of preferences), coordination (abc, unified, arm only), cycles (arm cycles in a platform cycle),
+    slip (0 to 5 %), methods (pns, fsp, gradient, qp). All of them by default, 27 runs.
     """
     from canipulator.report import write_report
 

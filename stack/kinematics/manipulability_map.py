@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.kinematics.arm import ArmModel
 from stack.kinematics.arrays import Array
 from stack.kinematics.position import elbow_angle
-from stack.compiled import compiled
 
 _POSTURE = (2, 3, 4, 5, 6)
 """Joints that matter: SH, UA, EL, LA, WT."""

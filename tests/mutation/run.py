@@ -1,7 +1,9 @@
 """Mutation testing of one pure module: every small change of its code must make its tests fail.
 
     python -m tests.mutation.run drivers.gate tests/unit/drivers/test_gate.py
+    NUMBA_DISABLE_JIT=1 python -m tests.mutation.run stack.servo.limiter tests/laws/test_servo_limits.py
 
+Kernels have to be run without their compiler, or the changed ones would get into its cache.
 Each mutant is a changed syntax tree, loaded in a child process in place of the module. Prints the survivors with line and change.
 """
 
@@ -105,6 +107,8 @@ def is_killed(module: types.ModuleType, tree: ast.Module, tests: list[str]) -> b
             changed.__file__, changed.__package__ = module.__file__, module.__package__
             sys.modules[module.__name__] = changed
             parent, _, name = module.__name__.rpartition(".")
+            for other in [other for other in sys.modules if other.startswith(f"{parent}.") and other != module.__name__]:
+                del sys.modules[other]  # what has imported the sound module must import the changed one
             setattr(sys.modules[parent], name, changed)
             exec(compile(tree, str(module.__file__), "exec"), changed.__dict__)
             options = ["-q", "-x", "-p", "no:cacheprovider", "-k", "not untried", "--hypothesis-profile=quick"]

@@ -35,5 +35,5 @@ def test_every_run_of_every_set_is_a_scenario_and_every_claim_is_about_its_runs(
 
 
 def test_a_set_that_does_not_exist_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="unknown set 'case'.*cases"):
+    with pytest.raises(ConfigError, match=r"unknown set 'case'.*cases"):
         write_report(["case"], tmp_path, jobs=1, duration_s=None, quiet=True)

@@ -1,6 +1,6 @@
 """Other people's tools on vcan0 by way of `canipulator attach`: one that logs, one that stalls, one that plays. Judged by test_vcan.py.
 
-    attached.py OUT        (inside the kernel that has CAN)
+attached.py OUT        (inside the kernel that has CAN)
 """
 
 import json
@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-LIMIT_S = 150.0
+LIMIT_S = 60.0
 FILLER = "7FF"
 """Identifier of frames that only push the loggers' file buffers out."""
-MASS, MASS_GAP_MS = 24_000, "0.5"
+MASS, MASS_GAP_MS = 16_000, "1.2"
 """More than a client's queue (8192 frames) and the socket buffers before it hold."""
 PLAYED, PLAYED_GAP_S = 1_000, 0.005
 
@@ -61,7 +61,9 @@ def attached(out: Path) -> None:
     (port,) = re.findall(r"127\.0\.0\.1:(\d+)", (out / "attach.txt").read_text())
     where = ["--bus-kwargs", "host=127.0.0.1", f"port={port}", "tcp_tune=True", "-i", "socketcand", "-c", "vcan0"]
     logger = subprocess.Popen(
-        [sys.executable, "-m", "can.logger", *where, "-f", str(logged)], stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "can.logger", *where, "-f", str(logged)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     stalled = stalled_client(int(port))
 
@@ -73,10 +75,12 @@ def attached(out: Path) -> None:
     cangen("321", MASS, MASS_GAP_MS)
     times["mass"] = time.monotonic() - began
     player = [sys.executable, "-m", "can.player", *where, str(played)]
-    subprocess.run(player, check=True, timeout=LIMIT_S, stdout=subprocess.DEVNULL)
+    subprocess.run(player, check=True, timeout=LIMIT_S, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wait_for(lambda: heard.read_bytes().count(b" 456#") == PLAYED)
     times["played"] = time.monotonic() - began
-    wait_for(lambda: logged.read_bytes().count(b" 456#") == PLAYED and logged.read_bytes().count(b" 321#") >= MASS, push)
+    wait_for(
+        lambda: logged.read_bytes().count(b" 456#") == PLAYED and logged.read_bytes().count(b" 321#") >= MASS, push
+    )
     times["logged"] = time.monotonic() - began
     for process in (logger, attach, candump):
         process.send_signal(signal.SIGINT)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.socketcan.attached import FILLER, MASS, PLAYED
+
 HERE = Path(__file__).parent
 PACE = "0.1"
 
@@ -42,9 +44,9 @@ def codes(session: Path, name: str) -> dict[str, int]:
     return found
 
 
-def frames_of(path: Path) -> list[str]:
+def frames_of(path: Path, identifier: str = "[0-9A-F]{3}") -> list[str]:
     """`181#1122` for each line of a log in candump's format."""
-    return re.findall(r"^\(\d+\.\d+\) \S+ ([0-9A-F]{3}#[0-9A-F]*)", path.read_text(), re.MULTILINE)
+    return re.findall(rf"^\(\d+\.\d+\) \S+ ({identifier}#[0-9A-F]*)", path.read_text(), re.MULTILINE)
 
 
 def test_the_mission_in_three_processes_meets_its_expectations(session: Path) -> None:
@@ -86,3 +88,47 @@ def test_cansend_of_a_quick_stop_stops_the_drive_and_the_planner_reacts(session:
         assert not enabled[-1], f"drive {node_id} goes on"
     assert "drive 23 (shoulder): drive left operation enabled" in (session / "stopped" / "planner.txt").read_text()
     assert codes(session, "stopped") == {"strategic": 1, "planner": 143, "sim": 143}
+
+
+# `canipulator attach` on vcan0, in a kernel of its own: about 50 s
+
+
+@pytest.fixture(scope="module")
+def tools(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What attached.py leaves behind."""
+    for _ in range(ATTEMPTS):
+        out = tmp_path_factory.mktemp("attach") / "tools"
+        command = [HERE / "with-vcan", "-m", "2G", "-t", "200", sys.executable, HERE / "attached.py", out]
+        answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=250, check=False)
+        if answer.returncode == 0 and len(frames_of(out / "logger.log", "321")) == MASS:
+            break
+        print(f"disturbed:\n{answer.stdout[-2000:]}")
+    assert answer.returncode == 0, f"{answer.stdout[-2000:]}\n{answer.stderr[-2000:]}"
+    print((out / "times.json").read_text(), (out / "attach.txt").read_text())
+    return out
+
+
+def test_a_logger_on_attach_sees_every_frame_of_candump_though_another_tool_stalls(tools: Path) -> None:
+    """All frames of all senders but the fillers, in the order of the wire."""
+    heard = [frame for frame in frames_of(tools / "candump.log") if not frame.startswith(FILLER)]
+    logged = [frame for frame in frames_of(tools / "logger.log") if not frame.startswith(FILLER)]
+    assert len(heard) == MASS + PLAYED
+    assert logged == heard
+
+
+def test_what_a_player_sends_on_attach_is_on_the_wire_complete_and_in_order(tools: Path) -> None:
+    assert frames_of(tools / "candump.log", "456") == frames_of(tools / "played.log")
+    assert len(frames_of(tools / "played.log")) == PLAYED
+
+
+def test_a_stalled_tool_loses_its_own_frames_and_is_told_of(tools: Path) -> None:
+    found = re.search(r"(\d+) served, \d+ frames to them, (\d+) lost by slow ones, (\d+) from them", report_of(tools))
+    assert found is not None, report_of(tools)
+    served, lost, injected = map(int, found.groups())
+    assert served == 3  # logger, player, and the one that stalls
+    assert lost > 0, "more than a queue and its socket hold"
+    assert injected == PLAYED
+
+
+def report_of(tools: Path) -> str:
+    return (tools / "attach.txt").read_text()

@@ -14,7 +14,7 @@ from stack.strategic.mission import (
 )
 from stack.strategic.motion import CYCLE_NS
 from stack.strategic.profile import RampProfile
-from stack.strategic.profiled import Grip, Line, Turn, Wait
+from stack.strategic.profiled import Line, Turn, Wait
 
 WRITE = ParameterWrite(0x2011, 3, 0.5)
 LATER = ParameterWrite(0x2011, 4, 0.25)
