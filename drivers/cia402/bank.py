@@ -184,9 +184,7 @@ class DriveBank:
     def _compile(self) -> None:
         """Compile (or load from the cache) now rather than in the first tick."""
         zeros, ints = np.zeros(self.count), np.zeros(self.count, dtype=np.int64)
-        sense(
-            zeros, zeros, zeros, zeros.copy(), zeros.copy(), ints.copy(), ints, self.watch.copy(), self.servo.dt_s
-        )
+        sense(zeros, zeros, zeros, zeros.copy(), zeros.copy(), ints.copy(), ints, self.watch.copy(), self.servo.dt_s)
         supervise(
             self.watch.copy(),
             self.deadline_ns.copy(),

@@ -20,7 +20,13 @@ CODE_OF_ALARM = {
     Alarm.RATE_ERROR: EmcyCode.VELOCITY,
     Alarm.POSITION_LIMIT: EmcyCode.REFERENCE_LIMIT,
 }
-_RESET = (EmcyCode.OVER_CURRENT, *CODE_OF_ALARM.values(), EmcyCode.SYNC_LOST, EmcyCode.RPDO_TIMEOUT, EmcyCode.COMMUNICATION)
+_RESET = (
+    EmcyCode.OVER_CURRENT,
+    *CODE_OF_ALARM.values(),
+    EmcyCode.SYNC_LOST,
+    EmcyCode.RPDO_TIMEOUT,
+    EmcyCode.COMMUNICATION,
+)
 
 
 class Faults:

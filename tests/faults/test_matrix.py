@@ -118,7 +118,12 @@ ROWS = (
     Row("disk-full:file=events.log", stops=False),
 )
 EVERY_TIME = ("sliding-door", "hold-still")
-DEPENDS_ON_TASK = {"force-guided": ("force-", "feedback-lost"), "hinged-door": ("force-", "feedback-lost", "wheel-")}
+DEPENDS_ON_TASK = {
+    "force-guided": ("force-", "feedback-lost"),
+    "hinged-door": ("force-", "feedback-lost", "wheel-", "frame-corruption"),
+}
+FOLLOWS_FORCES = 30.0
+"""m/s²: a hand that follows a force sensor which says something else than the truth, or lets go of what it pulled at."""
 """Faults after which another task than the sliding door may as well stop: what it leans on is gone."""
 
 
@@ -142,10 +147,13 @@ def test_a_fault_in_mid_motion(name: str, row: Row, tmp_path: Path) -> None:
     begin_s = MOVING_FROM[name]
     scenario = scenario_with(name, [row.at(begin_s)])
     record = watch(scenario, tmp_path, begin_s + row.run_s)
-    assert_limits_hold(record, row, begin_s)
-    if row.stops:
+    assert_limits_hold(record, row, begin_s, follows_forces=name in DEPENDS_ON_TASK)
+    led = (
+        name in EVERY_TIME or row.kind != "drive-stuck"
+    )  # where nothing leads the joint, nobody can know that it is stuck
+    if row.stops and led:
         assert_everything_stands(record, begin_s + row.within_s)
-    elif not row.kind.startswith(DEPENDS_ON_TASK.get(name, ("none",))):
+    elif not row.stops and not row.kind.startswith(DEPENDS_ON_TASK.get(name, ("none",))):
         assert_the_task_goes_on(record, moving=name == "sliding-door")
     for node, code in row.emergencies if name in EVERY_TIME else ():
         told = [t_s for t_s, found in record.emergencies(node, begin_s) if found == code]
@@ -154,7 +162,7 @@ def test_a_fault_in_mid_motion(name: str, row: Row, tmp_path: Path) -> None:
     assert_files_are_whole(record, row, begin_s)
 
 
-def assert_limits_hold(record: Record, row: Row, begin_s: float) -> None:
+def assert_limits_hold(record: Record, row: Row, begin_s: float, *, follows_forces: bool) -> None:
     arm = record.run.robot.arm
     beyond = np.maximum(arm.q_min - record.q, record.q - arm.q_max).max()
     assert beyond < 1e-3, f"{beyond:.4f} rad (m) beyond a position limit"
@@ -163,7 +171,8 @@ def assert_limits_hold(record: Record, row: Row, begin_s: float) -> None:
     fastest = excess[~tolerated].max()
     assert fastest < 1.05, f"a joint at {fastest:.2f} of its velocity limit"
     hardest = record.tcp_deceleration().max()
-    assert hardest < row.deceleration, f"the hand at {hardest:.1f} m/s²"
+    bound = FOLLOWS_FORCES if follows_forces and row.kind.startswith("force-") else row.deceleration
+    assert hardest < bound, f"the hand at {hardest:.1f} m/s²"
 
 
 def assert_everything_stands(record: Record, after_s: float) -> None:

@@ -107,7 +107,9 @@ def is_killed(module: types.ModuleType, tree: ast.Module, tests: list[str]) -> b
             changed.__file__, changed.__package__ = module.__file__, module.__package__
             sys.modules[module.__name__] = changed
             parent, _, name = module.__name__.rpartition(".")
-            for other in [other for other in sys.modules if other.startswith(f"{parent}.") and other != module.__name__]:
+            for other in [
+                other for other in sys.modules if other.startswith(f"{parent}.") and other != module.__name__
+            ]:
                 del sys.modules[other]  # what has imported the sound module must import the changed one
             setattr(sys.modules[parent], name, changed)
             exec(compile(tree, str(module.__file__), "exec"), changed.__dict__)

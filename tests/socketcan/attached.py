@@ -16,8 +16,8 @@ from pathlib import Path
 LIMIT_S = 60.0
 FILLER = "7FF"
 """Identifier of frames that only push the loggers' file buffers out."""
-MASS, MASS_GAP_MS = 16_000, "1.2"
-"""More than a client's queue (8192 frames) and the socket buffers before it hold."""
+MASS, CHUNK, CHUNK_GAP_MS = 16_000, 200, "0.5"
+"""More than a client's queue (8192 frames) and the socket buffers before it hold; the next chunk goes out when the logger has got there."""
 PLAYED, PLAYED_GAP_S = 1_000, 0.005
 
 
@@ -72,7 +72,9 @@ def attached(out: Path) -> None:
 
     wait_for(lambda: logged.exists() and logged.stat().st_size > 0, push)
     times["up"] = time.monotonic() - began
-    cangen("321", MASS, MASS_GAP_MS)
+    for sent in range(CHUNK, MASS + 1, CHUNK):
+        cangen("321", CHUNK, CHUNK_GAP_MS)
+        wait_for(lambda sent=sent: logged.read_bytes().count(b" 321#") >= sent - CHUNK, lambda: time.sleep(0.02))
     times["mass"] = time.monotonic() - began
     player = [sys.executable, "-m", "can.player", *where, str(played)]
     subprocess.run(player, check=True, timeout=LIMIT_S, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

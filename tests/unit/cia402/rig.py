@@ -53,7 +53,9 @@ class LinearPlant:
     def read(self, position: Vector, velocity: Vector) -> None:
         position[:] = self.position
         self._trembling = -self._trembling
-        position[self.blocked] += self._trembling  # an axis that something holds still gives, by the last bit of its encoder
+        position[self.blocked] += (
+            self._trembling
+        )  # an axis that something holds still gives, by the last bit of its encoder
         velocity[:] = self.velocity
         if self.broken_encoder is not None:
             position[self.broken_encoder] = math.nan

@@ -208,6 +208,23 @@ def test_after_a_silence_any_counter_is_a_beginning() -> None:
     assert gate.lost == 0
 
 
+def test_the_silence_is_that_since_the_last_message() -> None:
+    gate = CounterGate(200 * MS)
+    for t_ms, counter in ((0, 7), (150, 8)):
+        assert gate.judge(counter, t_ms * MS) is None
+    assert gate.judge(8, 300 * MS) is Reason.STALE
+
+
+def test_the_first_sync_counts_as_one_period_and_a_lost_one_as_one_more() -> None:
+    gate = SetPointGate(LIMITS)
+    gate.on_sync(0)
+    assert gate.judge(frame(45_001), True, MS) == (None, Reason.JUMP)
+    stream = Stream()
+    stream.next(frame(0))
+    assert stream.next(frame(90_001), heard=False) == (None, Reason.JUMP)
+    assert stream.gate.judge(frame(90_000), True, stream.t_ns + 4 * MS)[1] is None
+
+
 def test_half_the_circle_is_where_ahead_becomes_behind() -> None:
     gate = CounterGate(200 * MS)
     gate.judge(0, 0)
