@@ -25,9 +25,7 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
 
 
-def load_scenario(
-    name: str, overrides: Iterable[str] = (), faults: Iterable[str] = ()
-) -> Scenario | KinematicScenario:
+def load_scenario(name: str, overrides: Iterable[str] = (), faults: Iterable[str] = ()) -> Scenario | KinematicScenario:
     """The scenario `name` (of the project, or the path of a TOML file) with `KEY=VALUE` overrides applied, then further `faults`,
     each `KIND@SECONDS[:KEY=VALUE,…]`.
 

@@ -19,8 +19,8 @@ from sim.bullet import pybullet
 from sim.physics import Physics
 from sim.rotation import rotation_of
 from sim.surroundings import Surroundings
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 
 OVERSPEED = 2.0
 """Times its limit is the fastest that a joint can get: a motor has no torque left there."""

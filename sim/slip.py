@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 
 _BLOCK = 1024
 _STREAM = 0x511

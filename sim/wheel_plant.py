@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Vector
-from stack.servo.compiled import compiled
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 from stack.servo.limiter import STANDSTILL
 from stack.servo.state import AxisMode
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
 from stack.kinematics.proximity import BodyDistances, Proximity
@@ -28,7 +29,6 @@ from stack.planner.resolvers.rule_base import resolve_within_limits
 from stack.planner.resolvers.step import Step, arm_step, limit_table
 from stack.planner.resolvers.wished_step import wished_step
 from stack.planner.singularities import manifold_margins
-from stack.servo.compiled import compiled
 
 RECOVERY_RATE = 2.0
 _NO_ROWS_8, _NO_ROWS_10, _NO_VALUES = np.zeros((0, 8)), np.zeros((0, 10)), np.zeros(0)

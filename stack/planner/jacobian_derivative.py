@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.resolvers.decomposition import decompose
-from stack.servo.compiled import compiled
 
 Tensor = NDArray[np.float64]
 Rows = NDArray[np.int64]

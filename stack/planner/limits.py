@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.resolvers.nullspace import restrict
-from stack.servo.compiled import compiled
 
 Flags = NDArray[np.bool_]
 

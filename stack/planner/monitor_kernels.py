@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.jacobian_derivative import Rows, Tensor, manipulability_derivatives
 from stack.planner.resolvers.decomposition import decompose
-from stack.servo.compiled import compiled
 
 Flags = NDArray[np.bool_]
 RANK_LOSS = 1e-7

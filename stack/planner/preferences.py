@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Vector
-from stack.servo.compiled import compiled
 
 
 @compiled

@@ -13,12 +13,12 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import brentq
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.jacobian_derivative import Tensor
 from stack.planner.measures import Local, Measure
 from stack.planner.monitor import Kind
 from stack.planner.monitor_kernels import projected_curvature
-from stack.servo.compiled import compiled
 
 _STEP = 1e-6
 _SAME = 1e-6

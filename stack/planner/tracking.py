@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 
 
 @compiled
@@ -152,7 +152,9 @@ def follow_path(
     if patience < 1.0:
         apart = 0.0
         for i in range(3):
-            apart += off[i] * twist[i] / (patience_m * patience_m) + off[i + 3] * twist[i + 3] / (patience_rad * patience_rad)
+            apart += off[i] * twist[i] / (patience_m * patience_m) + off[i + 3] * twist[i + 3] / (
+                patience_rad * patience_rad
+            )
         if apart < 0.0:
             patience = 1.0
     ahead = desired_in_arm(T_RO, x_ahead, y_ahead, heading_ahead, base, moved(X_RE, patience * twist, dt))

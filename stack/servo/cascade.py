@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 from stack.servo.interpolation import hermite, linear, node_velocity
 from stack.servo.limiter import (
     LIMITED_POSITION,

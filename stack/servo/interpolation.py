@@ -8,7 +8,7 @@ constant velocity or constant acceleration exactly.
 
 from __future__ import annotations
 
-from stack.servo.compiled import compiled
+from stack.compiled import compiled
 
 
 @compiled

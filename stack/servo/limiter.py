@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from stack.servo.compiled import compiled
+from stack.compiled import compiled
 
 LIMITED_POSITION = 1
 LIMITED_VELOCITY = 2

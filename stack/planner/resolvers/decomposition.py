@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
-from stack.servo.compiled import compiled
 
 _SWEEPS = 40
 _ORTHOGONAL = 1e-15

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.planner.limits import Flags
 from stack.planner.problem import EPSILON, Matrix, Vector
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.nullspace import particular, whiten
 from stack.planner.resolvers.step import Step, step_in_null_space, with_singularity
-from stack.servo.compiled import compiled
 
 
 @compiled

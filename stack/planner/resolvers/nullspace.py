@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Matrix, Vector
 from stack.planner.resolvers.decomposition import damped_inverse, orthogonalise, prop
-from stack.servo.compiled import compiled
 
 _DEPENDENT = 1e-9
 _ROUNDS = 14

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.messages import Vector
-from stack.servo.compiled import compiled
 
 NULL_COST = 0.01
 """What giving up preferred motion costs, relative to slowing down: small, so that the null-space part goes first."""

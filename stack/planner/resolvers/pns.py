@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stack.compiled import compiled
 from stack.planner.problem import Matrix, Problem, Solution, Vector
 from stack.planner.resolvers.answer import answer
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.nullspace import particular, restrict, split, whiten
-from stack.servo.compiled import compiled
 
 
 @compiled

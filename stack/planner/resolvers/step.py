@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stack.compiled import compiled
 from stack.planner.limits import Flags, hold_limits, restrict_active, zones
 from stack.planner.preferences import preferred_velocity
 from stack.planner.problem import EPSILON, Matrix, Status, Vector
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.nullspace import particular, split, whiten
 from stack.planner.resolvers.path_scale import into_bounds, path_and_null_scale
-from stack.servo.compiled import compiled
 
 _PASSES = 4
 _TOLERANCE = 1e-9

@@ -59,7 +59,9 @@ class LinearPlant:
         self.velocity[:WHEELS] = self.command[:WHEELS]
         self.velocity[self.engaged] = 0.0
         self._trembling = -self._trembling
-        self.velocity[self.engaged] += self._trembling  # what a brake holds still gives, by the last bits of its encoder
+        self.velocity[self.engaged] += (
+            self._trembling
+        )  # what a brake holds still gives, by the last bits of its encoder
         self.position += self.velocity * dt_s
 
 

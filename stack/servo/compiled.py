@@ -1,5 +1,0 @@
-"""See `stack.compiled`."""
-
-from stack.compiled import compiled
-
-__all__ = ["compiled"]
