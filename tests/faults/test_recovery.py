@@ -39,7 +39,7 @@ def test_acknowledged_and_enabled_from_where_it_is(fault: str, tmp_path: Path) -
     arm = record.run.robot.arm
     around = slice(int(again.t_ns / 1e6) - 200, int(again.t_ns / 1e6) + 20)
     assert np.ptp(record.q[around], axis=0).max() < 0.01  # rad, m: torque comes, and the arm stays where it is
-    assert (np.abs(record.dq[around]) / arm.dq_max).max() < 0.05
+    assert (np.abs(record.dq[around]) / arm.dq_max).max() < 0.1
     assert record.tcp_deceleration().max() < 10.0
     assert np.linalg.norm(record.tcp[-1] - record.tcp[-501]) > 0.05  # and it pulls on
 

@@ -38,6 +38,7 @@ def driven(direction, told, boxes=(), mode=Mode.ARM_ONLY, cycles: int = 400):
     return least, restricted
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(DIRECTIONS, st.sampled_from(list(Method)), st.sampled_from((Mode.ARM_ONLY, Mode.COORDINATED)))
 def test_no_link_touches_anything_whatever_the_task_asks(direction, method, mode) -> None:
