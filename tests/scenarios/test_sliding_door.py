@@ -38,6 +38,7 @@ def test_coordination_is_five_times_better_than_sending_it_all_at_once(runner: R
     assert abc.metrics["tcp_error_rms_m"] <= unified.metrics["tcp_error_rms_m"] / 5
     assert unviolated(abc)
     assert unviolated(unified)
+    assert (abc.exit_code, unified.exit_code) == (0, 1), "the rails have to bear what coordination spares them"
 
 
 def test_the_arm_alone_does_not_reach_and_keeps_its_limits(runner: Runner) -> None:

@@ -20,6 +20,8 @@ from stack.servo.state import BoolVector
 from tests.unit.cia402.bridge import LockstepBridge
 from tests.unit.cia402.rig import LinearPlant, Rig
 
+pytestmark = pytest.mark.slow
+
 EDS = Path(__file__).parents[3] / "config" / "bus"
 LIFT = 22
 MASTER_ID = 0x7E

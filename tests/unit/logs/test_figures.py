@@ -8,6 +8,8 @@ from logs.figures import FigureRun, save_figures
 from logs.recording_reader import Recording, read_recording
 from stack.kinematics import ArmModel
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("path", "error", "manipulability", "platform", "joints")
 
 
