@@ -28,7 +28,7 @@ test: $(STAMP)  ## sets up, then runs every test; those that live in real time b
 	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m "not socketcan and not faults"
 	@$(BIN)/python -m pytest -q -m socketcan
 
-faults: $(STAMP)  ## the long part of the fault tests: every task, 200,000 strange frames, 50 kills
+faults: $(STAMP)  ## the long part of the tests: faults in every task, 200,000 strange frames, 50 kills, more doors and hands
 	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m faults
 
 check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a minute

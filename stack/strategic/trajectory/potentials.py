@@ -135,6 +135,27 @@ def _terms(n: int, condition: Condition) -> list[tuple[tuple[float, ...], comple
 
 
 @compiled
+def _phase(q: Vector, f: Matrix, t: int) -> float:
+    phase = 0.0
+    for m in range(q.size):
+        phase += f[t, m] * q[m]
+    return phase
+
+
+@compiled
+def _distance(q: Vector, f: Matrix, a: Vector, b: Vector, conditions: NDArray[np.int64], first: int, end: int) -> float:
+    """ψ(q): sum of the squares of the conditions `first` … `end` − 1."""
+    psi = 0.0
+    for j in range(first, end):
+        r = 0.0
+        for t in range(conditions[j], conditions[j + 1]):
+            phase = _phase(q, f, t)
+            r += a[t] * math.cos(phase) + b[t] * math.sin(phase)
+        psi += r * r
+    return psi
+
+
+@compiled
 def potential_value(
     q: Vector,
     f: Matrix,
@@ -146,18 +167,9 @@ def potential_value(
     steepness: float,
 ) -> float:
     """L(q) without w_m."""
-    n = q.size
     total = 0.0
     for i in range(sets.size - 1):
-        psi = 0.0
-        for j in range(sets[i], sets[i + 1]):
-            r = 0.0
-            for t in range(conditions[j], conditions[j + 1]):
-                phase = 0.0
-                for m in range(n):
-                    phase += f[t, m] * q[m]
-                r += a[t] * math.cos(phase) + b[t] * math.sin(phase)
-            psi += r * r
+        psi = _distance(q, f, a, b, conditions, sets[i], sets[i + 1])
         exponent = math.log(height) - steepness * psi
         if exponent > NEGLIGIBLE:
             total += math.exp(exponent)
@@ -187,15 +199,7 @@ def potential_derivatives(
     slope = np.empty(n)
     r_slope = np.empty(n)
     for i in range(sets.size - 1):
-        psi = 0.0
-        for j in range(sets[i], sets[i + 1]):
-            r = 0.0
-            for t in range(conditions[j], conditions[j + 1]):
-                phase = 0.0
-                for m in range(n):
-                    phase += f[t, m] * q[m]
-                r += a[t] * math.cos(phase) + b[t] * math.sin(phase)
-            psi += r * r
+        psi = _distance(q, f, a, b, conditions, sets[i], sets[i + 1])
         exponent = math.log(height) - steepness * psi
         if exponent <= NEGLIGIBLE:
             continue
@@ -206,9 +210,7 @@ def potential_derivatives(
             r = 0.0
             r_slope[:] = 0.0
             for t in range(conditions[j], conditions[j + 1]):
-                phase = 0.0
-                for m in range(n):
-                    phase += f[t, m] * q[m]
+                phase = _phase(q, f, t)
                 c, s = math.cos(phase), math.sin(phase)
                 r += a[t] * c + b[t] * s
                 for m in range(n):
@@ -218,9 +220,7 @@ def potential_derivatives(
                 for l in range(n):  # noqa: E741
                     rest[m, l] -= steepness * value * 2.0 * r_slope[m] * r_slope[l]
             for t in range(conditions[j], conditions[j + 1]):
-                phase = 0.0
-                for m in range(n):
-                    phase += f[t, m] * q[m]
+                phase = _phase(q, f, t)
                 bend = 2.0 * steepness * value * r * (a[t] * math.cos(phase) + b[t] * math.sin(phase))
                 for m in range(n):
                     if f[t, m] != 0.0:
