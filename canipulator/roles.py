@@ -97,7 +97,7 @@ def simulated_robot(
     )
     world = World(robot_directory(scenario.robot) / "robot.urdf", parameters, scenario.seed)
     parts = _breakable(world) if scenario.fault else None
-    bank = DriveBank(robot.servo, world.plant if parts is None else parts.plant, TICK_NS)
+    bank = DriveBank(robot.servo, world.plant if parts is None else parts.plant, TICK_NS, encoders_flicker=True)
     devices = robot.devices
     drives = [
         Drive(devices[node_id], clock, bus, bank, axis)

@@ -15,14 +15,18 @@ from drivers.clock import Clock
 from drivers.codec import TRACKED_POSE, WRENCH
 from drivers.objects import DeviceDef
 from drivers.publisher import Publisher
+from drivers.tables.sensors import FORCE_SCALE_N, TORQUE_SCALE_NM
 from stack.messages import TrackedPose, Vector, Wrench
 
+_ENDS = np.repeat([32767 * FORCE_SCALE_N, 32767 * TORQUE_SCALE_NM], 3)
+"""What six INTEGER16 can just hold: (6,) N and N·m."""
 AFTER_PHYSICS = 5
 """Clock priority of whatever looks at the world: after the tick of the same instant."""
 
 
 class ForceSensorNode(NodeApplication):
-    """Samples `read` — a wrench (6,) in the end-point frame — at every SYNC."""
+    """Samples `read` — a wrench (6,) in the end-point frame — at every SYNC. What is no number, or at the end of the wire's range or
+    beyond it in any direction, is no measurement: an emergency message instead of a frame."""
 
     def __init__(self, device: DeviceDef, clock: Clock, bus: Bus, read: Callable[[], Vector]) -> None:
         self.node = CanopenNode(device, clock, bus, self)
@@ -32,8 +36,8 @@ class ForceSensorNode(NodeApplication):
 
     def on_sync(self, counter: int | None) -> None:
         wrench = self._read()
-        if not np.isfinite(wrench).all():
-            self._publisher.mute()  # what is no number is not sent: the listeners' time-outs are for that
+        if not np.all(np.abs(wrench) < _ENDS):  # NaN compares as False
+            self._publisher.mute()  # what is no measurement is not sent: the listeners' time-outs are for that
             self.node.emcy.report(EmcyCode.SENSOR)
             return
         self._counter = (self._counter + 1) & 0xFF

@@ -13,6 +13,9 @@ from sim.wheel_plant import WheelPlant
 from stack.messages import Vector
 
 WHEELS = 2
+ENCODER_STEP = 2.0 * np.pi / 2**32
+"""A joint encoder's last digit (rad; m for the lift): it is never still, as that of any such encoder."""
+_FLICKER_READINGS = 4096
 
 
 class RobotPlant:
@@ -28,11 +31,15 @@ class RobotPlant:
         self.slip = slip
         self.axes = WHEELS + len(physics.q)
         self._command = np.zeros(self.axes)
+        shape = _FLICKER_READINGS, len(physics.q)
+        self._flicker = ENCODER_STEP * np.random.default_rng(0xE0).uniform(-1.0, 1.0, shape)
+        self._reading = 0
 
     def read(self, position: Vector, velocity: Vector) -> None:
         """Fill in what the encoders show, each (10,)."""
         position[:WHEELS] = self.wheels.encoder
-        position[WHEELS:] = self.physics.q
+        np.add(self.physics.q, self._flicker[self._reading], out=position[WHEELS:])
+        self._reading = (self._reading + 1) % _FLICKER_READINGS
         velocity[:WHEELS] = self.wheels.encoder_rate
         velocity[WHEELS:] = self.physics.dq
 

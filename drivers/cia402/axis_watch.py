@@ -31,6 +31,8 @@ FROZEN = 0.02
 """An encoder that has not changed at all while its set point went this fraction of the following error window is frozen …"""
 FROZEN_LEAST_S = 0.01
 """… and has not for longer than this."""
+FLICKER_S = 0.05
+"""The last digits of an encoder of high resolution are never still, not even at rest: unchanged for longer than this it is frozen."""
 RATE_MARGIN = 0.15
 """A velocity-controlled axis does not follow when it is off its command by this fraction of its velocity limit …"""
 RATE_TIME_S = 0.4
@@ -62,7 +64,8 @@ LOWER, UPPER, DECELERATION = range(5, 8)
 AWAITS_STOP, STANDING_S = range(8, 10)
 SEEN, LAST_SET_POINT, UNSEEN_WAY, UNSEEN_S = range(10, 14)
 RATE_WINDOW, RATE_S = range(14, 16)
-WATCH_ROWS = 16
+UNSEEN_LIMIT_S = 16
+WATCH_ROWS = 17
 
 _OFF, _POSITION, _TORQUE, _STOP = (
     int(mode) for mode in (AxisMode.OFF, AxisMode.POSITION, AxisMode.TORQUE, AxisMode.STOP)
@@ -76,7 +79,7 @@ _RATE_ERROR = int(Alarm.RATE_ERROR)
 def watch_table(count: int) -> Matrix:
     """Nothing watched yet: (WATCH_ROWS, count)."""
     table = np.zeros((WATCH_ROWS, count))
-    table[[WINDOW, SPEED_LIMIT, UPPER, RATE_WINDOW]] = np.inf
+    table[[WINDOW, SPEED_LIMIT, UPPER, RATE_WINDOW, UNSEEN_LIMIT_S]] = np.inf
     table[LOWER] = -np.inf
     table[DECELERATION] = 1.0
     return table
@@ -141,6 +144,8 @@ def watch_axis(
         watch[UNSEEN_S, axis] = 0.0
     watch[LAST_SET_POINT, axis] = set_point
     if watch[UNSEEN_S, axis] > FROZEN_LEAST_S and watch[UNSEEN_WAY, axis] > FROZEN * watch[WINDOW, axis]:
+        bits |= _SENSOR
+    if watch[UNSEEN_S, axis] > watch[UNSEEN_LIMIT_S, axis]:
         bits |= _SENSOR
     off = abs(command - velocity) > watch[RATE_WINDOW, axis]
     watch[RATE_S, axis] = watch[RATE_S, axis] + dt_s if off else 0.0

@@ -12,7 +12,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from drivers.cia402.axis_watch import (
+    FLICKER_S,
     NO_DEADLINE,
+    UNSEEN_LIMIT_S,
     Alarm,
     sense,
     supervise,
@@ -45,13 +47,16 @@ class Braked(Protocol):
 
 
 class DriveBank:
-    """n axes on one plant. `parameters` gives the gains; the limits in it are those until a drive sets its own.
+    """n axes on one plant. `parameters` gives the gains; the limits in it are those until a drive sets its own. `encoders_flicker`:
+    the plant's position encoders are so fine that they never show the same twice, and one that does is broken.
 
     `tick(t_ns)` is called every `dt_ns` by whoever steps the plant. The arrays `position`, `velocity`, `set_point`,
     `command` (n,) may be read at any time.
     """
 
-    def __init__(self, parameters: ServoParameters, plant: Plant, dt_ns: int = 1_000_000) -> None:
+    def __init__(
+        self, parameters: ServoParameters, plant: Plant, dt_ns: int = 1_000_000, *, encoders_flicker: bool = False
+    ) -> None:
         count = parameters.count
         self.count = count
         self.dt_ns = dt_ns
@@ -69,6 +74,8 @@ class DriveBank:
         self.offset: Vector = np.zeros(count)
         self.zero: Vector = np.zeros(count)
         self.watch = watch_table(count)
+        if encoders_flicker:
+            self.watch[UNSEEN_LIMIT_S, ~parameters.outputs_velocity] = FLICKER_S
         self.settings = {name: np.array(value) for name, value in vars(parameters).items()}
         self.settings_changed = False
         self.raw_position: Vector = np.zeros(count)

@@ -92,6 +92,13 @@ ROWS = (
     Row("encoder-jump:node=23", stops=True, emergencies=((23, EmcyCode.SENSOR),), told_s=0.015),
     Row("encoder-jump:node=11,amount=3", stops=True, emergencies=((11, EmcyCode.SENSOR),), told_s=0.015),
     Row("encoder-frozen:node=21", stops=True, emergencies=((21, EmcyCode.SENSOR),), told_s=0.1),
+    Row(
+        "encoder-frozen:node=24",
+        stops=True,
+        emergencies=((24, EmcyCode.SENSOR),),
+        told_s=0.06,
+        task="hold-still",  # no set point moves: its last digit stands still, which it never does
+    ),
     Row("encoder-lost:node=25", stops=True, emergencies=((25, EmcyCode.SENSOR),), told_s=0.015),
     Row(
         "following-error:node=23",
@@ -107,7 +114,7 @@ ROWS = (
     Row("planner-slow", stops=False),
     Row("strategic-killed", stops=True, within_s=0.8),
     Row("force-stuck", stops=False),
-    Row("force-saturated", stops=False),
+    Row("force-saturated", stops=False, emergencies=((31, EmcyCode.SENSOR),)),
     Row("force-nan", stops=False, emergencies=((31, EmcyCode.SENSOR),)),
     Row(
         "wheel-blocked:node=12", stops=True, within_s=2.6, run_s=3.0, emergencies=((12, EmcyCode.VELOCITY),), told_s=1.6

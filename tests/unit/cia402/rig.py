@@ -36,7 +36,7 @@ class LinearPlant:
         self.blocked = np.zeros(len(position), dtype=np.bool_)
         self.peak_acceleration = np.zeros_like(self.position)
         self.broken_encoder: int | None = None
-        self._trembling = 1e-9
+        self.trembling = 1e-9
         self.brakes: list[BoolVector] = []
         self._velocity_axes = velocity_axes
         self._inertia, self._friction = inertia, friction
@@ -52,9 +52,9 @@ class LinearPlant:
 
     def read(self, position: Vector, velocity: Vector) -> None:
         position[:] = self.position
-        self._trembling = -self._trembling
+        self.trembling = -self.trembling
         position[self.blocked] += (
-            self._trembling
+            self.trembling
         )  # an axis that something holds still gives, by the last bit of its encoder
         velocity[:] = self.velocity
         if self.broken_encoder is not None:

@@ -111,3 +111,20 @@ def test_axes_do_not_touch_each_other() -> None:
         bank.plant.step(TICK_NS * 1e-9)  # type: ignore[attr-defined]
         bank.tick(tick * TICK_NS)
     assert bank.plant.velocity == pytest.approx([0.0, 0.3, 0.0], abs=0.02)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("flicker", "found"), [(True, [Alarm.SENSOR]), (False, [])])
+def test_an_encoder_that_is_never_still_and_stands_still_is_frozen(flicker: bool, found: list[Alarm]) -> None:
+    none = np.zeros(1, dtype=np.bool_)
+    plant = LinearPlant(np.full(1, 0.5), none)
+    plant.trembling = 0.0
+    bank = DriveBank(servo_parameters(none), plant, TICK_NS, encoders_flicker=flicker)
+    alarms: list[Alarm] = []
+    bank.tick(0)
+    bank.axis(0, alarms.append).run(AxisMode.POSITION, 12.0)
+    for tick in range(1, 49):
+        bank.tick(tick * TICK_NS)
+    assert alarms == []
+    for tick in range(49, 53):
+        bank.tick(tick * TICK_NS)
+    assert alarms[:1] == found
