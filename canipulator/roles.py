@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from canipulator.maps import pose_map
 from canipulator.surroundings import surroundings
+from config.bench import bench_drives
 from config.mission import build_mission
 from config.robot import Robot, planner_parameters
 from config.scenario import Scenario
@@ -169,6 +170,7 @@ def planner_role(
         stopwatch,
         sdo_gap_ns(scenario),
         times,
+        bench_drives(scenario.drives),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from config.bench import DriveNode, DriveTable
 from config.faults import FaultTable, RecoveryTable
 from config.guidance import DoorStepTable, ForceSensorTable, GuidanceTable
 from config.platform_path import PlatformPathTable
@@ -188,6 +189,7 @@ class Scenario(Table):
     duration_s: Positive
     planner: PlannerTable = PlannerTable()
     bus: BusTable = BusTable()
+    drives: dict[DriveNode, DriveTable] = Field(default_factory=dict)
     slip: SlipTable = SlipTable()
     feedback: FeedbackTable = FeedbackTable()
     force_sensor: ForceSensorTable | None = None

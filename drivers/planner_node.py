@@ -7,7 +7,7 @@ points are on the wire before SYNC k + 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +16,12 @@ from drivers.bridge import Bridge
 from drivers.bus.base import Bus
 from drivers.canopen.nmt import ERROR_CONTROL_BASE, NMT_CAN_ID, NmtCommand, NmtState
 from drivers.canopen.node import CanopenNode, NodeApplication
+from drivers.cia402.bench import BenchDrive
 from drivers.cia402.bring_up import MasterTimes
 from drivers.cia402.configuration import DriveSettings
 from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE, has_gate
 from drivers.cia402.master import DriveMaster
-from drivers.cia402.phases import DriveEvent, MasterPhase
+from drivers.cia402.phases import DriveEvent, EventKind, MasterPhase
 from drivers.clock import Clock, Timer
 from drivers.codec import JOINT_REFERENCE, MISSION, PLANNER_STATE, REFERENCE, TRACKED_POSE, TWIST, ReferencePose
 from drivers.frame import Frame
@@ -51,6 +52,7 @@ OnEvent = Callable[[str, str], None]
 class PlannerNode(NodeApplication):
     """Node 2. `drives`: the ten drives in node order, wheels first. `others`: further nodes that it starts by NMT.
 
+    `bench`: drives that are not those of the table, by node id.
     `stopwatch` (ns) is only used to fill `cycle_ns`, the time that each step took; nothing depends on it.
     """
 
@@ -67,6 +69,7 @@ class PlannerNode(NodeApplication):
         stopwatch: Callable[[], int] | None = None,
         sdo_gap_ns: int = 0,
         times: MasterTimes | None = None,
+        bench: Mapping[int, BenchDrive] | None = None,
     ) -> None:
         self.node = CanopenNode(device, clock, bus, self)
         self.cycle_ns: list[int] = []
@@ -90,7 +93,9 @@ class PlannerNode(NodeApplication):
         self._deadline: Timer | None = None
         self._commanded = self._followed = 0.0
         gates = {device.node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for device in drives if has_gate(device)}
-        settings = DriveSettings(sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns, parameters=gates)
+        settings = DriveSettings(
+            sync_period_ns=self._period_ns, sdo_gap_ns=sdo_gap_ns, parameters=gates, bench=bench or {}
+        )
         self.master = DriveMaster(drives, self.node.line.send, clock, settings, times, self._on_drive_event)
         self._bridge = Bridge(len(drives) - WHEELS)
         self._targets, self._efforts = np.zeros(len(drives)), np.zeros(len(drives))
@@ -288,7 +293,8 @@ class PlannerNode(NodeApplication):
 
     def _on_drive_event(self, event: DriveEvent) -> None:
         failure = event.kind.is_failure
-        self._on_event("error" if failure else "info", event.text)
+        level = "warning" if event.kind is EventKind.NOTED else "info"
+        self._on_event("error" if failure else level, event.text)
         if failure and self.phase >= PlannerPhase.ENABLING:
             self.master.quick_stop()
 

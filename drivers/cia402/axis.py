@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections import deque
+from fractions import Fraction
 
+from drivers.cia402.drive_units import DriveUnits, in_drive_units, units_of_table
 from drivers.cia402.phases import AxisPhase, EmergencyMessage
 from drivers.cia402.states import State, state_of
 from drivers.gate import JUMP_MARGIN, FeedbackGate
@@ -23,6 +25,8 @@ EMERGENCY_LOG_LENGTH = 64
 _HALF_TURN, _TURN_MASK = 1 << 31, (1 << 32) - 1
 LOW, HIGH = -(1 << 31), (1 << 31) - 1
 OFFSET_LOW, OFFSET_HIGH = -(1 << 15), (1 << 15) - 1
+ROUNDING = 2.0
+"""So many units the second difference of three rounded set points may be off."""
 
 
 class AxisClient:
@@ -45,6 +49,7 @@ class AxisClient:
         "follows_planner",
         "heard",
         "heartbeat_ns",
+        "kept",
         "missed_syncs",
         "mode",
         "name",
@@ -65,6 +70,7 @@ class AxisClient:
         "target_raw",
         "timeout_ns",
         "torque_raw",
+        "units",
         "unreported_emergency",
         "velocity_id",
         "velocity_ns",
@@ -87,10 +93,12 @@ class AxisClient:
         self.command_id = command.cob_id
         self.feedback_id = feedback.cob_id
         self.velocity_id = _velocity_id(device)
-        self.position_scale = _scale(device, 0x6064)
-        self.velocity_scale = _scale(device, 0x606C)
-        self.effort_scale = 1e-6 * int(_default(device, 0x6076, 1000))
-        """N·m (N) per wire unit: ‰ of the rated torque, which 6076h gives in thousandths."""
+        self.units: DriveUnits
+        """Of the wire of this drive: the table's until the drive was asked."""
+        self.position_scale = self.velocity_scale = self.effort_scale = 0.0
+        """The same as factors; effort: N·m (N) per ‰ of the rated torque."""
+        self.kept: dict[tuple[int, int], int] = {}
+        """Objects that the drive has with another value than it was to get."""
         self.phase = AxisPhase.ABSENT
         self.heard = False
         """The drive has shown a sign of life since it was last given up."""
@@ -108,8 +116,8 @@ class AxisClient:
         self.received_ns = 0
         self.suspected: int | None = None
         """A statusword that cannot be, heard once: to be believed when it comes again."""
-        speed = int(_default(device, 0x607F, 0))
-        self.feedback_gate = FeedbackGate(round(JUMP_MARGIN * speed * sync_period_ns * 1e-9), sync_period_ns)
+        self.feedback_gate = FeedbackGate(0, sync_period_ns)
+        self.set_units(units_of_table(device))
         self.velocity_ns: int | None = None
         self.missed_syncs = 0
         self.nmt_state: int | None = None
@@ -133,12 +141,34 @@ class AxisClient:
     def target_scale(self) -> float:
         return self.position_scale if self.mode == MODE_CSP else self.velocity_scale
 
+    def set_units(self, units: DriveUnits) -> None:
+        """What the drive counts in from now on."""
+        self.units = units
+        self.position_scale = float(units.position)
+        self.velocity_scale = float(units.velocity)
+        self.effort_scale = 1e-6 * float(units.effort.times(Fraction(10**6)))
+        speed = self.setting(0x607F, 0, 0)
+        period_s = self.feedback_gate.period_ns * 1e-9
+        self.feedback_gate.jump = round(self.way(JUMP_MARGIN * speed, period_s)) if speed else 0
+
     def setting(self, index: int, subindex: int, fallback: int) -> int:
-        """Value of an object as the device's definition has it, in wire units; `fallback` where there is none."""
+        """Value of an object as the device's definition has it, in its own units; `fallback` where there is none."""
         try:
             return int(self.device.object(index, subindex).default)
         except KeyError:
             return fallback
+
+    def limit(self, index: int, subindex: int, fallback: int) -> int:
+        """`setting` in the units of the drive's wire, rounded to the tighter side. Raises UnitError where it cannot be said in them."""
+        value = self.setting(index, subindex, fallback)
+        return in_drive_units(self.device, self.units, (index, subindex), value) if value != fallback else value
+
+    def way(self, speed: float, period_s: float) -> float:
+        """How far the axis gets at `speed` of the table in `period_s`, in position units of the drive's wire."""
+        table = units_of_table(self.device).position
+        if self.units.position == table:
+            return speed * period_s
+        return speed * period_s * (float(table) / self.position_scale) + ROUNDING
 
     def take_feedback(self, data: bytes, now_ns: int) -> None:
         """TPDO1. While the drive does not follow its target, the target follows the drive: enabling starts without a jump.
@@ -215,14 +245,3 @@ def _velocity_id(device: DeviceDef) -> int | None:
         if pdo.kind is PdoKind.TPDO and pdo.enabled and pdo.mapping == ((0x606C, 0), (0x6061, 0)):
             return pdo.cob_id
     return None
-
-
-def _scale(device: DeviceDef, index: int) -> float:
-    return device.object(index).scale
-
-
-def _default(device: DeviceDef, index: int, fallback: int) -> int | float | str:
-    try:
-        return device.object(index).default
-    except KeyError:
-        return fallback

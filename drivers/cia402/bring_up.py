@@ -81,7 +81,8 @@ class BringUp:
         )
 
     def _set_up(self, axis: AxisClient) -> Sequence[None]:
-        yield from set_up(axis, self._settings, self._clock, partial(self._command, axis))
+        note = partial(self._report, axis, EventKind.NOTED)
+        yield from set_up(axis, self._settings, self._clock, partial(self._command, axis), note)
 
     def _command(self, axis: AxisClient, command: NmtCommand) -> None:
         self._send(NMT_CAN_ID, bytes((command, axis.node_id)))  # refused: the sequence will miss its effect

@@ -9,22 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from drivers.canopen.abort import AbortCode
 from drivers.canopen.nmt import NmtCommand, NmtState
 from drivers.canopen.sdo_abort import SdoAborted, StepError
 from drivers.canopen.sequence import Delay, Download, Sequence, Until, Upload
 from drivers.cia402.axis import MODE_CSP, AxisClient
-from drivers.cia402.units import interpolation_period, si_factor
+from drivers.cia402.bench import BenchDrive
+from drivers.cia402.drive_units import in_drive_units
+from drivers.cia402.identification import Note, definition_default, identify, read_units, upload_if_there
+from drivers.cia402.settling import ensure, settle
+from drivers.cia402.units import UnitError, interpolation_period
 from drivers.clock import Clock
 from drivers.objects import DataType, DeviceDef, PdoDef, PdoKind, Value
 
 PDO_OFF = 1 << 31
 _VALID_AND_ID = PDO_OFF | 0x1FFF_FFFF
 PDOS_PER_KIND = 4
-CIA402_PROFILE = 402
 SETTINGS = (0x6007, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6065, 0x6066, 0x6072, 0x607D, 0x607F, 0x6085, 0x60C5)
 """Objects that get the value of the device's definition, unless `DriveSettings.parameters` says otherwise."""
-_ABSENT = (AbortCode.NO_SUCH_OBJECT, AbortCode.NO_SUCH_SUBINDEX)
 _MODE_TRIES = 20
 START_TRIES = 4
 """NMT commands are not confirmed: one that got lost is given again."""
@@ -32,7 +33,10 @@ START_TRIES = 4
 
 @dataclass(frozen=True, slots=True)
 class DriveSettings:
-    """What every drive of a master is set to. `parameters`: node id -> object -> value, over the device's definition."""
+    """What every drive of a master is set to. `parameters`: node id -> object -> value, over the device's definition and in its units.
+
+    `bench`: drives that are not those of the table, by node id.
+    """
 
     sync_period_ns: int = 10_000_000
     master_node_id: int = 2
@@ -40,6 +44,7 @@ class DriveSettings:
     heartbeat_timeout_ms: int = 350
     check_identity: bool = True
     parameters: Mapping[int, Mapping[tuple[int, int], Value]] = field(default_factory=dict)
+    bench: Mapping[int, BenchDrive] = field(default_factory=dict)
     answer_timeout_ns: int = 1_000_000_000
     """For a change of the NMT state, and for the first feedback after the start."""
     sdo_gap_ns: int = 0
@@ -58,22 +63,28 @@ class DriveSettings:
 
 
 def set_up(
-    axis: AxisClient, settings: DriveSettings, clock: Clock, command: Callable[[NmtCommand], None]
+    axis: AxisClient, settings: DriveSettings, clock: Clock, command: Callable[[NmtCommand], None], note: Note
 ) -> Sequence[None]:
-    """From a drive that answers to one that is operational, set up, and has told its statusword. `command`: NMT."""
+    """From a drive that answers to one that is operational, set up, and has told its statusword. `command`: NMT.
+
+    `note` hears of what the drive does not have or does not let be written, where that is no reason to end.
+    """
     axis.started = False
     if axis.nmt_state != NmtState.PRE_OPERATIONAL:
         command(NmtCommand.ENTER_PRE_OPERATIONAL)
         axis.nmt_state = None
         yield Delay(2_000_000)  # a drive whose heartbeat is off does not tell; SDO shows whether it is there
+    axis.kept.clear()
+    bench = settings.bench.get(axis.node_id, BenchDrive())
+    of_table = False
     if settings.check_identity:
-        yield from identify(axis)
-    yield from read_units(axis)
+        of_table = yield from identify(axis, bench, note)
+    yield from read_units(axis, bench, of_table=of_table and axis.node_id not in settings.bench)
     yield from set_pdos(axis.device)
-    yield from set_timing(axis.device, settings)
-    for (index, subindex), value in settings.of(axis.device).items():
-        yield from ensure(index, subindex, value)
-    yield from set_mode(axis, settings)
+    yield from set_timing(axis, settings, bench, note)
+    for key, value in settings.of(axis.device).items():
+        yield from settle(axis, bench, note, key, _in_drive_units(axis, key, value))
+    yield from set_mode(axis, settings, bench, note)
     axis.statusword = None
     axis.started = True
     axis.started_ns = clock.now_ns()
@@ -92,39 +103,11 @@ def set_up(
                 raise
 
 
-def identify(axis: AxisClient) -> Sequence[None]:
-    """Is it the drive that the table says, and can it do what is asked of it?"""
-    device_type = yield Upload(0x1000, 0)
-    if device_type & 0xFFFF != CIA402_PROFILE:
-        profile = device_type & 0xFFFF
-        raise StepError("device type 1000h of a drive, profile 402", f"{device_type:08X}h, profile {profile}")
-    for subindex, what in ((1, "vendor-ID"), (2, "product code")):
-        wanted = _definition_default(axis.device, 0x1018, subindex)
-        if wanted is not None:
-            came = yield Upload(0x1018, subindex)
-            if came != wanted:
-                raise StepError(f"{what} {wanted:#x} in 1018h sub {subindex}", f"{came:#x}")
-    modes = yield Upload(0x6502, 0)
-    if not modes >> (axis.mode - 1) & 1:
-        raise StepError(f"bit {axis.mode - 1} of the supported modes 6502h (mode {axis.mode})", f"{modes:08X}h")
-
-
-def read_units(axis: AxisClient) -> Sequence[None]:
-    """Takes the scaling from the drive where it tells: 60A8h, 60A9h, 6076h."""
-    position_unit = yield from _upload_if_there(0x60A8)
-    velocity_unit = yield from _upload_if_there(0x60A9)
+def _in_drive_units(axis: AxisClient, key: tuple[int, int], value: Value) -> Value:
     try:
-        if position_unit:
-            axis.position_scale = si_factor(position_unit)
-        if velocity_unit:
-            axis.velocity_scale = si_factor(velocity_unit)
-    except ValueError as error:
-        raise StepError("an SI unit in 60A8h and 60A9h", str(error)) from error
-    rated_torque = yield from _upload_if_there(0x6076)
-    if rated_torque is not None:
-        if rated_torque == 0:
-            raise StepError("a rated torque above 0 in 6076h", "0")
-        axis.effort_scale = 1e-6 * rated_torque
+        return value if isinstance(value, str) else in_drive_units(axis.device, axis.units, key, int(value))
+    except UnitError as error:
+        raise StepError(error.expected, error.came) from error
 
 
 def set_pdos(device: DeviceDef) -> Sequence[None]:
@@ -169,21 +152,22 @@ def pdo_differences(device: DeviceDef, pdo: PdoDef) -> Sequence[list[str]]:
     return []
 
 
-def set_timing(device: DeviceDef, settings: DriveSettings) -> Sequence[None]:
+def set_timing(axis: AxisClient, settings: DriveSettings, bench: BenchDrive, note: Note) -> Sequence[None]:
     """SYNC period (1006h, 60C2h) and heartbeats both ways (1016h, 1017h)."""
-    if _definition_default(device, 0x1006, 0) is not None:
-        yield from ensure(0x1006, 0, round(settings.sync_period_ns / 1000), DataType.UNSIGNED32)
+    if definition_default(axis.device, 0x1006, 0) is not None:
+        period_us = round(settings.sync_period_ns / 1000)
+        yield from settle(axis, bench, note, (0x1006, 0), period_us, DataType.UNSIGNED32)
     value, index = interpolation_period(settings.sync_period_ns)
-    yield from ensure(0x60C2, 2, index, DataType.INTEGER8)
-    yield from ensure(0x60C2, 1, value, DataType.UNSIGNED8)
+    yield from settle(axis, bench, note, (0x60C2, 2), index, DataType.INTEGER8)
+    yield from settle(axis, bench, note, (0x60C2, 1), value, DataType.UNSIGNED8)
     consumed = settings.master_node_id << 16 | settings.heartbeat_timeout_ms
     yield from ensure(0x1016, 1, consumed, DataType.UNSIGNED32)
     yield from ensure(0x1017, 0, settings.heartbeat_ms, DataType.UNSIGNED16)
 
 
-def set_mode(axis: AxisClient, settings: DriveSettings) -> Sequence[None]:
+def set_mode(axis: AxisClient, settings: DriveSettings, bench: BenchDrive, note: Note) -> Sequence[None]:
     """Mode of operation, confirmed by 6061h."""
-    yield from ensure(0x6060, 0, axis.mode, DataType.INTEGER8)
+    yield from settle(axis, bench, note, (0x6060, 0), axis.mode, DataType.INTEGER8)
     shown = 0
     for _ in range(_MODE_TRIES):
         shown = yield Upload(0x6061, 0, DataType.INTEGER8)
@@ -192,16 +176,6 @@ def set_mode(axis: AxisClient, settings: DriveSettings) -> Sequence[None]:
         yield Delay(settings.sync_period_ns)
     name = "CSP" if axis.mode == MODE_CSP else "CSV"
     raise StepError(f"mode {axis.mode} ({name}) in 6061h", str(shown))
-
-
-def ensure(index: int, subindex: int, value: Value, data_type: DataType | None = None) -> Sequence[None]:
-    """Writes an object if it has another value, and reads it back."""
-    if (yield Upload(index, subindex, data_type)) == value:
-        return
-    yield Download(index, subindex, value, data_type)
-    came = yield Upload(index, subindex, data_type)
-    if came != value:
-        raise StepError(f"{value} in {index:04X}h sub {subindex} after it was written", str(came))
 
 
 def _write_pdo(device: DeviceDef, pdo: PdoDef) -> Sequence[None]:
@@ -213,14 +187,21 @@ def _write_pdo(device: DeviceDef, pdo: PdoDef) -> Sequence[None]:
     yield Download(mapping, 0, 0, DataType.UNSIGNED8)
     for (index, subindex), value in _parameters(device, pdo):
         if subindex or index != mapping:
-            yield Download(index, subindex, value, _parameter_type(index, subindex))
+            try:
+                yield Download(index, subindex, value, _parameter_type(index, subindex))
+            except SdoAborted as error:
+                if index != mapping:
+                    raise
+                mapped = f"{value >> 16:04X}h sub {value >> 8 & 0xFF}"
+                where = f"{pdo.kind.name}{pdo.number} ({index:04X}h sub {subindex})"
+                raise StepError(f"{mapped} to be mapped in {where}", error.came, error.code) from error
     yield Download(mapping, 0, len(pdo.mapping), DataType.UNSIGNED8)
     yield Download(communication, 1, present & ~_VALID_AND_ID | pdo.cob_id, DataType.UNSIGNED32)
 
 
 def _switch_off(kind: PdoKind, number: int) -> Sequence[None]:
     communication, _ = _records(kind, number)
-    cob_id = yield from _upload_if_there(communication, 1)
+    cob_id = yield from upload_if_there(communication, 1)
     if cob_id is not None and not cob_id & PDO_OFF:
         yield Download(communication, 1, cob_id | PDO_OFF, DataType.UNSIGNED32)
         came = yield Upload(communication, 1, DataType.UNSIGNED32)
@@ -252,20 +233,3 @@ def _records(kind: PdoKind, number: int) -> tuple[int, int]:
 
 def _difference(index: int, subindex: int, wanted: int, came: int) -> str:
     return f"{index:04X}h sub {subindex} is {came:#x}, not {wanted:#x}"
-
-
-def _upload_if_there(index: int, subindex: int = 0) -> Sequence[int | None]:
-    try:
-        value: int = yield Upload(index, subindex, DataType.UNSIGNED32)
-    except SdoAborted as error:
-        if error.code in _ABSENT:
-            return None
-        raise
-    return value
-
-
-def _definition_default(device: DeviceDef, index: int, subindex: int) -> int | None:
-    try:
-        return int(device.object(index, subindex).default)
-    except KeyError:
-        return None

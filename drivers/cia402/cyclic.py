@@ -48,10 +48,13 @@ class CyclicData:
         self._axes = axes
         self._clock = clock
         self._send = send
+        self._period_ns = period_ns
         self.rescale()
 
     def rescale(self) -> None:
-        """The units of an axis may have changed."""
+        """The units of an axis may have changed. Raises UnitError for units in which a limit cannot be said."""
+        for axis in self._axes:
+            self.gates[axis.node_id].limits = sender_limits(axis, self._period_ns)
         self._per_target = 1.0 / np.array([axis.target_scale for axis in self._axes])
         self._per_effort = 1.0 / np.array([axis.effort_scale for axis in self._axes])
 
@@ -115,16 +118,19 @@ class CyclicData:
 
 
 def sender_limits(axis: AxisClient, period_ns: int) -> SetPointLimits:
-    """What a drive would bear, from its definition: position, velocity, acceleration and torque limits."""
+    """What a drive would bear, from its definition, in the units of its wire: position, velocity, acceleration and torque limits."""
     period_s = period_ns * 1e-9
-    lower, upper = axis.setting(0x607D, 1, LOW), axis.setting(0x607D, 2, HIGH)
+    lower, upper = axis.limit(0x607D, 1, LOW), axis.limit(0x607D, 2, HIGH)
     velocity, acceleration = axis.setting(0x607F, 0, 0), axis.setting(0x60C5, 0, 0)
-    torque = min(axis.setting(0x6072, 0, OFFSET_HIGH), OFFSET_HIGH)
+    torque = min(axis.limit(0x6072, 0, OFFSET_HIGH), OFFSET_HIGH)
     follows_positions = axis.mode == MODE_CSP
-    jump = round(JUMP_MARGIN * velocity * period_s) if follows_positions and velocity else None
+    jump = round(axis.way(JUMP_MARGIN * velocity, period_s)) if follows_positions and velocity else None
     bend = (
-        round(ACCELERATION_MARGIN * acceleration * period_s * period_s) if follows_positions and acceleration else None
+        round(axis.way(ACCELERATION_MARGIN * acceleration * period_s, period_s))
+        if follows_positions and acceleration
+        else None
     )
     if not follows_positions:
-        lower, upper = (-velocity, velocity) if velocity else (LOW, HIGH)
+        most = axis.limit(0x607F, 0, 0)
+        lower, upper = (-most, most) if most else (LOW, HIGH)
     return SetPointLimits(lower, upper, jump, bend, torque, round(OFFSET_SHARE * torque), period_ns)

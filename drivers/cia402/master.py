@@ -251,7 +251,8 @@ class DriveMaster:
 
     def _stays(self, axis: AxisClient) -> bool:
         """Whether quick stop ends under torque; 605Ah is 2 (switches off) where a drive does not have it."""
-        return int(self.settings.of(axis.device).get((0x605A, 0), 2)) >= 5
+        key = (0x605A, 0)
+        return int(axis.kept.get(key, self.settings.of(axis.device).get(key, 2))) >= 5
 
     def _stop_faulty(self, axis: AxisClient) -> None:
         """An axis that is out of the master's hands may still move: whatever it hears shall stop it."""

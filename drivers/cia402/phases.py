@@ -68,10 +68,11 @@ def phase_of(axes: list[AxisPhase]) -> MasterPhase:
 
 
 class EventKind(Enum):
-    """What happened. The first four leave the phase alone; all others put the axis into FAULT."""
+    """What happened. The first five leave the phase alone; all others put the axis into FAULT."""
 
     WAITING = "waiting for a drive"
     CONFIGURED = "drive configured"
+    NOTED = "set up with a difference"
     EMERGENCY = "emergency message"
     GATE = "set point refused"
     BOOT_TIMEOUT = "drive did not appear"
@@ -90,7 +91,8 @@ class EventKind(Enum):
 
     @property
     def is_failure(self) -> bool:
-        return self not in (EventKind.WAITING, EventKind.CONFIGURED, EventKind.EMERGENCY, EventKind.GATE)
+        harmless = (EventKind.WAITING, EventKind.CONFIGURED, EventKind.NOTED, EventKind.EMERGENCY, EventKind.GATE)
+        return self not in harmless
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,10 @@ class Scale:
         """A unit of so many of this one."""
         return Scale(self.ratio * factor, self.pi)
 
+    def with_pi(self) -> Scale:
+        """π times this one, which has none."""
+        return Scale(self.ratio, self.pi + 1)
+
 
 TURN = Scale(Fraction(2), 1)
 _ANGLES = {

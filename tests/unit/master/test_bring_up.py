@@ -181,7 +181,8 @@ def test_a_drive_that_is_shipped_differently_is_set_up_by_the_full_procedure(mak
         (22, (0x1018, 2), 99, "product code"),
         (22, (0x6502, 0), 1 << 8, "bit 7 of the supported modes"),
         (11, (0x6502, 0), 1 << 7, "bit 8 of the supported modes"),
-        (26, (0x60A8, 0), 0x00B5_0000, "SI unit 00B50000h"),
+        (26, (0x60A8, 0), 0x00B5_0000, "608Fh (encoder increments, motor revolutions), since 60A8h = 00B50000h"),
+        (26, (0x60A8, 0), 0x0001_0000, "SI unit 00010000h"),  # metres, of a joint that turns
         (26, (0x6076, 0), 0, "rated torque"),
     ],
 )
