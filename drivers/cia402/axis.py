@@ -6,7 +6,7 @@ import struct
 from collections import deque
 from fractions import Fraction
 
-from drivers.cia402.drive_units import DriveUnits, in_drive_units, units_of_table
+from drivers.cia402.drive_units import DriveUnits, check_limits, in_drive_units, units_of_table
 from drivers.cia402.phases import AxisPhase, EmergencyMessage
 from drivers.cia402.states import State, state_of
 from drivers.gate import JUMP_MARGIN, FeedbackGate
@@ -142,7 +142,8 @@ class AxisClient:
         return self.position_scale if self.mode == MODE_CSP else self.velocity_scale
 
     def set_units(self, units: DriveUnits) -> None:
-        """What the drive counts in from now on."""
+        """What the drive counts in from now on. Raises UnitError, and leaves all as it was, where a limit cannot be said in `units`."""
+        check_limits(self.device, units)
         self.units = units
         self.position_scale = float(units.position)
         self.velocity_scale = float(units.velocity)
@@ -159,7 +160,7 @@ class AxisClient:
             return fallback
 
     def limit(self, index: int, subindex: int, fallback: int) -> int:
-        """`setting` in the units of the drive's wire, rounded to the tighter side. Raises UnitError where it cannot be said in them."""
+        """`setting` in the units of the drive's wire, rounded to the tighter side."""
         value = self.setting(index, subindex, fallback)
         return in_drive_units(self.device, self.units, (index, subindex), value) if value != fallback else value
 
@@ -178,7 +179,8 @@ class AxisClient:
         first = self.statusword is None
         statusword, position, torque_raw = _FEEDBACK.unpack(data)
         if self.follows_planner and self.feedback_gate.jump and self.feedback_gate.judge(position, now_ns) is not None:
-            return  # as good as not heard
+            self.statusword = statusword  # its word of a fault counts; where it is, is as good as not heard
+            return
         self.statusword, self.torque_raw = statusword, torque_raw
         if first:
             self.position_raw = position

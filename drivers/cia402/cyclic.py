@@ -52,7 +52,7 @@ class CyclicData:
         self.rescale()
 
     def rescale(self) -> None:
-        """The units of an axis may have changed. Raises UnitError for units in which a limit cannot be said."""
+        """The units of an axis may have changed."""
         for axis in self._axes:
             self.gates[axis.node_id].limits = sender_limits(axis, self._period_ns)
         self._per_target = 1.0 / np.array([axis.target_scale for axis in self._axes])

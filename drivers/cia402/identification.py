@@ -82,6 +82,7 @@ def read_units(axis: AxisClient, bench: BenchDrive, *, of_table: bool) -> Sequen
     try:
         position = unit_scale(words[0], 0, linear=linear, increment=increment)
         velocity = unit_scale(words[1], 1, linear=linear, increment=increment)
+        check_resolution(device, position, velocity, follows_positions=axis.mode == MODE_CSP)
         acceleration: Scale | None = position if velocity == position else None
         if everything:
             word = yield from _word(0x60AA, bench.acceleration_unit, node_id, "acceleration_unit")
@@ -94,11 +95,10 @@ def read_units(axis: AxisClient, bench: BenchDrive, *, of_table: bool) -> Sequen
                 "neither",
             )
         units = DriveUnits(position, velocity, acceleration, units_of_table(device).effort)
-        check_resolution(device, units, follows_positions=axis.mode == MODE_CSP)
+        effort = yield from _effort(bench, units, node_id, linear=linear, geared=everything)
+        axis.set_units(replace(units, effort=effort))
     except UnitError as error:
         raise StepError(error.expected, error.came) from error
-    effort = yield from _effort(bench, units, node_id, linear=linear, geared=everything)
-    axis.set_units(replace(units, effort=effort))
 
 
 def _unit_words(device: DeviceDef, bench: BenchDrive, node_id: int) -> Sequence[tuple[int, int]]:

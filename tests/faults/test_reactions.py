@@ -43,8 +43,10 @@ def test_without_the_planner_every_drive_acts_within_three_sync_periods(fault: s
     assert states == {State.SWITCH_ON_DISABLED}
 
 
-def test_a_drive_that_fails_stops_the_nine_others_with_the_next_cycle(tmp_path: Path) -> None:
-    record = run_with("over-current@2:node=24", tmp_path)
+@pytest.mark.parametrize("fault", ["over-current@2:node=24", "encoder-jump@2:node=11,amount=-8.9"])
+def test_a_drive_that_fails_stops_the_nine_others_with_the_next_cycle(fault: str, tmp_path: Path) -> None:
+    """Also where its position cannot be, and is left out: what its statusword says counts."""
+    record = run_with(fault, tmp_path, duration_s=2.2)
     stops = [
         frame.t_ns * 1e-9
         for frame in record.frames

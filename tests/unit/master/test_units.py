@@ -108,8 +108,7 @@ def test_a_limit_is_never_looser_in_the_units_of_a_drive(
     assume(value != NO_LIMIT.get(key))
     try:
         number = in_drive_units(device, units, key, value)
-    except UnitError as refused:
-        assert f"{key[0]:04X}h sub {key[1]}" in str(refused)
+    except UnitError:
         return
     table, drive = units_of_table(device).of(key[0]), units.of(key[0])
     assert table is not None
