@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from config.errors import ConfigError
-from drivers.log_formats import formats, write_log
+from drivers.log_formats import MF4_PACKAGE, formats, write_log
 from logs.bus_log import BusLogError, read_bus_log
 from logs.signal_rows import write_csv
 
@@ -17,9 +17,13 @@ def export_log(run: Path, name: str, out: Path | None) -> tuple[Path, int]:
     that cannot be read (nothing is left of the file then), OSError where the file cannot be written.
     """
     valid = sorted((*formats(), "csv"))
+    if name == "mf4" and name not in valid:
+        raise ConfigError(
+            f"--to mf4: needs {MF4_PACKAGE} of the extra canipulator[mf4], in the project's root: pip install -e '.[mf4]';"
+            f" without it: {', '.join(valid)}"
+        )
     if name not in valid:
-        need = " (mf4 needs the Python package asammdf)" if name == "mf4" else ""
-        raise ConfigError(f"--to {name!r}: not a format here{need}; valid: {', '.join(valid)}")
+        raise ConfigError(f"--to {name!r}: not a format here; valid: {', '.join(valid)}")
     log = run / "bus.log" if run.is_dir() else run
     if not log.is_file():
         raise ConfigError(f"{log}: no such file; RUN must be the folder of a run that had a bus")

@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import can
 
 from drivers.frame import Frame
 
-_WRITERS = {"asc": can.ASCWriter, "blf": can.BLFWriter, "mf4": can.MF4Writer, "trc": can.TRCWriter}
+MF4_PACKAGE = "asammdf"
+
+
+class _FromZero(can.MF4Writer):
+    """python-can counts from the moment of writing, 56 years after 0: what is left of a frame's time is then good to 0.2 µs."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._start_time = self.last_timestamp = 0.0
+        self._mdf.header.abs_time = 0
+
+
+_WRITERS: dict[str, Callable[[Path], can.io.generic.MessageWriter]] = {
+    "asc": can.ASCWriter,
+    "blf": can.BLFWriter,
+    "mf4": _FromZero,
+    "trc": can.TRCWriter,
+}
 
 
 def formats() -> tuple[str, ...]:
     """The formats that can be written here: mf4 only where the package asammdf is installed."""
-    has_mdf = importlib.util.find_spec("asammdf") is not None
+    has_mdf = importlib.util.find_spec(MF4_PACKAGE) is not None
     return tuple(name for name in _WRITERS if name != "mf4" or has_mdf)
 
 

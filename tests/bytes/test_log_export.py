@@ -1,14 +1,17 @@
 """Exported logs, read back by python-can's readers; the table of signals against values that are known."""
 
 import csv
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 
 import can
 import pytest
 
+from canipulator.cli import main
 from canipulator.log_export import export_log
 from config.errors import ConfigError
+from drivers import log_formats
 from drivers.frame import Frame
 from drivers.log_formats import formats
 from logs.bus_log import BusLogWriter
@@ -71,10 +74,32 @@ def test_unknown_formats_are_told_the_valid_ones(run: Path, name: str) -> None:
         export_log(run, name, None)
 
 
-@pytest.mark.skipif("mf4" in formats(), reason="asammdf is installed here")
-def test_mf4_says_what_it_needs(run: Path) -> None:
-    with pytest.raises(ConfigError, match="asammdf"):
-        export_log(run, "mf4", None)
+def test_mf4_says_in_one_line_which_extra_it_needs(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(log_formats, "MF4_PACKAGE", "a_package_that_nobody_has")
+    monkeypatch.setattr("sys.argv", ["canipulator", "export", str(run), "--to", "mf4"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("canipulator: --to mf4: needs asammdf of the extra canipulator[mf4]")
+    assert "without it: asc, blf, csv, trc" in said
+    assert not (run / "bus.mf4").exists()
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    (needed,) = project["optional-dependencies"]["mf4"]
+    assert needed.startswith("asammdf")
+    assert not [entry for entry in project["dependencies"] if entry.startswith("asammdf")]
+
+
+@pytest.mark.skipif("mf4" not in formats(), reason="needs the extra canipulator[mf4]")
+def test_times_in_mf4_are_those_of_the_run(run: Path) -> None:
+    """Every format but this one is covered above by its gaps alone; here 0 is 0 for tools that show time since the start, too."""
+    path, _ = export_log(run, "mf4", None)
+    with can.LogReader(path) as reader:
+        times = [message.timestamp for message in reader]
+    assert times == pytest.approx([frame.t_ns * 1e-9 for frame in FRAMES], abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["blf", "csv"])

@@ -76,6 +76,7 @@ def test_saturated_steps_point_along_the_commanded_twist(q: np.ndarray, directio
     np.testing.assert_allclose(J @ solution.dq, solution.scale * xdot, atol=1e-7 * np.abs(xdot).max())
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     joint=st.integers(0, 7),

@@ -106,6 +106,7 @@ def test_a_spline_is_as_long_as_it_says(path: SplinePath, share: float) -> None:
     assert length == pytest.approx(s, rel=1e-4, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(0.3, 1.0), st.floats(-0.3, 0.3)), min_size=1, max_size=6))
 def test_a_spline_meets_its_waypoints_in_their_order(steps: list[tuple[float, float]]) -> None:
     waypoints = np.cumsum(np.array(steps), axis=0)

@@ -128,6 +128,7 @@ def test_the_quadratic_program_minimises_the_criterion_where_null_space_motion_s
     assert compared > 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_no_jump_where_a_bound_takes_over_and_hands_back(method: str) -> None:
     """A command that swells and ebbs across saturation, on a J that turns: velocity changes stay of the size of the steps."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from sim.world import WorldParameters
 
@@ -40,6 +41,7 @@ def run_process(seed: int) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_processes_agree_to_the_bit_and_nothing_else_is_printed() -> None:
     first, second, other = run_process(1), run_process(1), run_process(2)
     assert first.stdout == second.stdout

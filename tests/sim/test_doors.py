@@ -126,6 +126,7 @@ def test_a_pushed_door_keeps_its_momentum_until_its_stop(physics: Physics) -> No
     assert -1e-3 < door.position <= 1.0 + 5e-3
 
 
+@pytest.mark.slow
 def test_a_closer_shuts_the_door_and_damping_makes_it_slow(physics: Physics) -> None:
     ways = []
     for damping in (2.0, 30.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -64,6 +65,7 @@ def act(rig: Rig, master: Master, name: str, value: int) -> None:
         rig.plant.blocked[0] = bool(value)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(actions, st.integers(1, 45)), min_size=1, max_size=30))
 def test_no_history_of_commands_breaks_the_drive(script: list[tuple[tuple[str, int], int]]) -> None:

@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.cia402.states import (
+    Command,
+    Control,
     Event,
+    Mode,
     State,
     Status,
     command_of,
@@ -92,6 +95,62 @@ def test_fault_takes_every_other_state_to_the_reaction_and_start_begins_anew() -
         assert on_event(state, Event.FAULT) == (13, S.FAULT_REACTION_ACTIVE)
     for state in State:
         assert on_event(state, Event.START) == (0, S.NOT_READY)
+
+
+def test_every_step_that_gives_power_is_held_up_by_the_fault_reset_bit() -> None:
+    for state, word in (
+        (S.SWITCH_ON_DISABLED, 0x06),
+        (S.READY_TO_SWITCH_ON, 0x07),
+        (S.SWITCHED_ON, 0x0F),
+        (S.QUICK_STOP_ACTIVE, 0x0F),
+    ):
+        assert on_controlword(state, word) is not None
+        assert on_controlword(state, 0x80 | word) is None
+    for word in (0x80, 0x82, 0x86, 0x87):
+        assert on_controlword(S.OPERATION_ENABLED, word) == on_controlword(S.OPERATION_ENABLED, word & 0x7F) is not None
+
+
+def test_bits_and_numbers_are_those_of_the_standard() -> None:
+    """CiA 402-2, controlword 6040h (bits 0 … 3, 4, 7, 8), statusword 6041h, modes of operation 6060h; lettered as in the manuals."""
+    assert [
+        Control.SWITCH_ON,
+        Control.ENABLE_VOLTAGE,
+        Control.QUICK_STOP,
+        Control.ENABLE_OPERATION,
+        Control.START_HOMING,
+        Control.FAULT_RESET,
+        Control.HALT,
+    ] == [0x0001, 0x0002, 0x0004, 0x0008, 0x0010, 0x0080, 0x0100]
+    assert [Status.VOLTAGE_ENABLED, Status.WARNING, Status.REMOTE, Status.TARGET_REACHED, Status.INTERNAL_LIMIT] == [
+        0x0010,
+        0x0080,
+        0x0200,
+        0x0400,
+        0x0800,
+    ]
+    assert {Status.FOLLOWS_TARGET, Status.HOMING_ATTAINED} == {0x1000}
+    assert {Status.FOLLOWING_ERROR, Status.HOMING_ERROR} == {0x2000}
+    assert [int(mode) for mode in (Mode.NONE, *list(Mode)[1:])] == [0, 6, 8, 9, 10]
+    assert (Mode.HOMING, Mode.CYCLIC_POSITION, Mode.CYCLIC_VELOCITY, Mode.CYCLIC_TORQUE) == (6, 8, 9, 10)
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (SHUTDOWN, Command.SHUTDOWN),
+        (SWITCH_ON, Command.SWITCH_ON),
+        (ENABLE, Command.ENABLE_OPERATION),
+        (DISABLE_VOLTAGE, Command.DISABLE_VOLTAGE),
+        (QUICK_STOP, Command.QUICK_STOP),
+    ],
+)
+def test_commands_are_coded_as_the_standard_says(words: list[int], command: Command) -> None:
+    assert {command_of(word) for word in words} == {command}
+
+
+@given(st.sampled_from(State), st.integers(0, 0xFFFF))
+def test_statusword_has_the_bits_it_was_given(state: State, extra: int) -> None:
+    assert statusword_of(state, extra) == state.value | extra
 
 
 # Statusword patterns from the Toshiba VF-S15 manual, x = do not care, bits 6 … 0.

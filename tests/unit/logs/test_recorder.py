@@ -94,6 +94,7 @@ def test_what_is_listened_to_is_not_changed(run: Motion, tmp_path: Path) -> None
         np.testing.assert_array_equal(tables[0][name].values, tables[1][name].values)
 
 
+@pytest.mark.slow
 def test_without_waiting_late_blocks_are_counted_and_the_table_is_whole(run: Motion, tmp_path: Path) -> None:
     log = _log(tmp_path, wait=False, block_ns=PERIOD_NS, compact=False)
     play(run, log.on_frame, log.on_truth)
@@ -131,6 +132,7 @@ print(len(table["truth/q"]), log.written_blocks, log.recorder_fault is not None)
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_in_mid_run_leaves_what_was_written(tmp_path: Path) -> None:
     command = [sys.executable, "-c", FILLED_UP, str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
@@ -166,6 +168,7 @@ signal.pause()
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_readable_file(tmp_path: Path) -> None:
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:

@@ -43,6 +43,7 @@ def distances(path: PlatformPath, poses: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", list(Method))
 @pytest.mark.parametrize("radius", [0.6, -2.0])
 def test_forwards_and_backwards_on_a_circle(method: Method, radius: float) -> None:

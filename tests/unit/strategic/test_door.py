@@ -40,6 +40,7 @@ def identified(guess: Hinge, points: Array) -> Identification:
 share = st.floats(-0.3, 0.3)
 
 
+@pytest.mark.slow
 @given(st.floats(0.3, 1.2), share, share, share, share, st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
 def test_hinge_and_radius_come_out_of_any_guess_within_thirty_percent(
@@ -187,6 +188,7 @@ GUESSES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("guess", GUESSES)
 def test_the_door_opens_softly_whatever_was_guessed(guess: tuple[float, float, float, float]) -> None:
     door = Door()

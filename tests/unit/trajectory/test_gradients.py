@@ -66,6 +66,7 @@ def test_derivatives_of_the_potentials(robot, listed):
         assert np.linalg.eigvalsh(positive).min() >= -1e-9 * (1 + np.abs(positive).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "listed"), [*((robot, False) for robot in ROBOTS), ("moma8", True)])
 def test_every_potential_peaks_on_singular_configurations(robot, listed):
     """Where ψᵢ = 0, found by Newton's method from random configurations, the arm is singular and lies on an exact manifold."""
