@@ -43,12 +43,14 @@ def node_ids(text: str) -> frozenset[int]:
     return frozenset(found)
 
 
-def drives_on_wire(scenario: Scenario, url: str, nodes: frozenset[int], duration_s: float | None) -> None:
+def drives_on_wire(
+    scenario: Scenario, url: str, nodes: frozenset[int], duration_s: float | None, pace: float = 1.0
+) -> None:
     """The drives `nodes` on the bus `url` in real time, until Ctrl-C (KeyboardInterrupt) or the time is over.
 
-    Raises ConfigError and BusError (an OSError) for a bus that cannot be opened or goes away.
+    `pace`: seconds of the bench in a real one. Raises ConfigError and BusError (an OSError) for a bus that cannot be opened or goes away.
     """
-    bus = PythonCanBus(url, run_time(1.0), bitrate=scenario.bus.bitrate, stamp_clock_ns=time.time_ns)
+    bus = PythonCanBus(url, run_time(pace), bitrate=scenario.bus.bitrate, stamp_clock_ns=time.time_ns, pace=pace)
     with contextlib.closing(bus):
         clock = RealTimeClock(bus.now_ns, bus, catch_up_ns=SIM_CATCH_UP_NS)
         bench = simulated_robot(load_robot(scenario.robot), scenario, clock, bus, _others(nodes))

@@ -55,11 +55,15 @@ def report(server: SocketcandServer) -> None:
 class ServedRun:
     """How a lockstep run is served: made before the run, so that a port that is taken is known before anything is written."""
 
-    def __init__(self, port: int, *, allow_inject: bool, pace: float) -> None:
-        """Raises ConfigError for a port that cannot be had and for a pace that is not positive."""
+    def __init__(self, port: int, *, allow_inject: bool, pace: float, step_ns: int = STEP_NS) -> None:
+        """`step_ns`: virtual time for which a frame of a tool may have to wait.
+
+        Raises ConfigError for a port that cannot be had and for a pace that is not positive.
+        """
         if not 0.0 < pace < float("inf"):
             raise ConfigError(f"--pace {pace:g}: must be a positive number of simulated seconds per second")
         self._pace = pace
+        self._step_ns = step_ns
         self._allow_inject = allow_inject
         self._server = open_server(port, allow_inject=allow_inject)
 
@@ -77,7 +81,7 @@ class ServedRun:
                 while (now_ns := clock.now_ns()) < t_ns:
                     if port is not None:
                         _inject(server, port)
-                    step_end_ns = min(now_ns + STEP_NS, t_ns)
+                    step_end_ns = min(now_ns + self._step_ns, t_ns)
                     clock.run_until(step_end_ns)
                     pacer.wait(step_end_ns)
 

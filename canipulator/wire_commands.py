@@ -76,12 +76,22 @@ def _role_command(role: str) -> click.Command:
     "--scenario", default="hold-still", show_default=True, help="Where the robot stands: a name, or a TOML file."
 )
 @click.option("--duration", type=float, help="End after so many seconds.")
-def drives_command(bus_url: str | None, serve: int | None, nodes: str, scenario: str, duration: float | None) -> None:
+@click.option(
+    "--pace",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Seconds of the bench in a real one, the same as of the master: below 1 where a machine is too slow.",
+)
+def drives_command(
+    bus_url: str | None, serve: int | None, nodes: str, scenario: str, duration: float | None, pace: float
+) -> None:
     """Only simulated drives, with their physics behind them: a test bench for your own CANopen master, until Ctrl-C.
 
     The joints of drives that are not there stay braked. EDS files: config/bus.
     """
     from canipulator.drives import drives_on_wire, drives_served, node_ids
+    from canipulator.roles import TICK_NS
     from canipulator.serving import ServedRun
     from config.load import load_scenario
     from config.scenario import Scenario
@@ -94,10 +104,10 @@ def drives_command(bus_url: str | None, serve: int | None, nodes: str, scenario:
     if not isinstance(loaded, Scenario):
         raise ConfigError(f"drives: {loaded.name} is a kinematic scenario, it has no drives")
     if bus_url is not None:
-        drives_on_wire(loaded, bus_url, ids, duration)
+        drives_on_wire(loaded, bus_url, ids, duration, pace)
     else:
         assert serve is not None
-        drives_served(loaded, ServedRun(serve, allow_inject=True, pace=1.0), ids, duration)
+        drives_served(loaded, ServedRun(serve, allow_inject=True, pace=pace, step_ns=TICK_NS), ids, duration)
 
 
 COMMANDS = (*(_role_command(role) for role in _PURPOSE), drives_command)

@@ -17,6 +17,7 @@ import can
 
 GIVES_BACK = frozenset({"socketcan", "virtual"})
 """Interfaces whose `receive_own_messages` was tried and found to keep the order of the wire."""
+SERVED, HOST = "served", "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 4 << 20
 NS_PER_S = 1_000_000_000
 _FRAME = struct.Struct("=IB3x8s")
@@ -130,10 +131,16 @@ class SocketCarrier:
 
 
 def open_carrier(url: str, bitrate: int) -> Carrier:
-    """`interface:channel`, with further arguments of python-can as `?key=value&key=value`. Raises BusError."""
+    """`interface:channel`, with further arguments of python-can as `?key=value&key=value`, or `served:port`. Raises BusError.
+
+    `served`: what a `--serve` of this project serves on 127.0.0.1, which gives back what it was sent.
+    """
     interface, channel, arguments = _parse(url)
-    gives_back = interface in GIVES_BACK
-    if gives_back:
+    served = interface == SERVED
+    if served:
+        interface, channel, arguments = "socketcand", "can0", _at_server(url, channel)
+    gives_back = served or interface in GIVES_BACK
+    if interface in GIVES_BACK:
         arguments["receive_own_messages"] = True
     logging.getLogger("can").addHandler(logging.NullHandler())  # what it would print is in the exception as well
     try:
@@ -151,7 +158,7 @@ def _parse(url: str) -> tuple[str, str, dict[str, Any]]:
     channel, _, query = rest.partition("?")
     if not interface or not colon or not channel:
         raise BusError(f"--bus {url!r}: must be lockstep, or interface:channel of python-can, e.g. socketcan:vcan0")
-    if interface not in can.VALID_INTERFACES:
+    if interface not in (SERVED, *can.VALID_INTERFACES):
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise BusError(f"--bus {url!r}: python-can has no interface {interface!r}; it has {known}")
     arguments: dict[str, Any] = {}
@@ -159,6 +166,12 @@ def _parse(url: str) -> tuple[str, str, dict[str, Any]]:
         key, _, text = pair.partition("=")
         arguments[key] = int(text) if text.isdecimal() else text
     return interface, channel, arguments
+
+
+def _at_server(url: str, port: str) -> dict[str, Any]:
+    if not (port.isdecimal() and 0 < int(port) < 1 << 16):
+        raise BusError(f"--bus {url!r}: must be served:PORT, the port that the server has said, on this machine")
+    return {"host": HOST, "port": int(port), "tcp_tune": True}
 
 
 def reason(error: Exception) -> str:

@@ -61,6 +61,8 @@ from stack.servo.state import (
 )
 
 _OFF, _POSITION, _VELOCITY, _TORQUE, _STOP = (int(mode) for mode in AxisMode)
+_LOOP_ROOM = 1.05
+"""The loop may ask for this share of the velocity limit: what brings an axis that is behind its set point back to it at full speed."""
 _NEVER = -1.0
 """ACTIVE_MODE of an axis that has not seen a target since it was switched on."""
 
@@ -194,7 +196,7 @@ def torque_loop(
     # SET_VELOCITY is the mean over a tick, hence the velocity at a tick's start is the mean of two of them.
     share = parameters[VELOCITY_FEED_FORWARD, axis] if mode != _VELOCITY else 1.0
     command = share * 0.5 * (velocity_before + state[SET_VELOCITY, axis]) + correction
-    command, limited = clamp(command, -1.5 * ceiling, 1.5 * ceiling)  # room for the position loop
+    command, limited = clamp(command, -_LOOP_ROOM * ceiling, _LOOP_ROOM * ceiling)
     if limited:
         flags |= LIMITED_VELOCITY
     error = command - velocity

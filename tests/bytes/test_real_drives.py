@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from config.bench import bench_drives
+from config.load import dump_scenario, load_scenario, validate
 from config.robot import load_robot
+from config.scenario import Scenario
+from drivers.canopen.abort import AbortCode, SdoAbort
 from drivers.catalogue import DRIVE_IDS
+from drivers.cia402.bench import BenchDrive
 from drivers.cia402.configuration import DriveSettings
-from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE, has_gate
+from drivers.cia402.gate_keeper import GATE_MARGIN, GATE_MARGIN_PER_MILLE
 from drivers.cia402.phases import EventKind, MasterPhase
+from drivers.cia402.settling import FREE, FREE_TO_DIFFER, LESS_IS_TIGHTER, MORE_IS_TIGHTER, PROTECTING
 from drivers.objects import DeviceDef, PdoKind, Value
 from tests.unit.cia402.rig import with_defaults
 from tests.unit.master import conftest as master_cell
@@ -80,10 +87,9 @@ def out_of_its_box(device: DeviceDef) -> DeviceDef:
     return replace(with_defaults(device, UNTOUCHED), pdos=pdos)
 
 
-def as_planner(absent_gate: bool = False) -> DriveSettings:
+def as_planner() -> DriveSettings:
     """The settings that the planner's node makes."""
-    gated = [node_id for node_id in DRIVE_IDS if not (absent_gate and node_id == NODE)]
-    gates = {node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for node_id in gated}
+    gates = {node_id: {GATE_MARGIN: GATE_MARGIN_PER_MILLE} for node_id in DRIVE_IDS}
     return DriveSettings(sync_period_ns=master_cell.SYNC_NS, parameters=gates)
 
 
@@ -119,29 +125,74 @@ def test_the_page_has_what_the_master_writes_in_its_order(table: dict[int, Devic
     assert downloads(cell) == lines_of("What the master writes")
 
 
-def test_a_bought_drive_is_refused_until_it_is_defined_as_the_page_says(table: dict[int, DeviceDef]) -> None:
-    text = DOCUMENT.read_text()
-    (program,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    scope: dict[str, Any] = {}
-    exec(compile(program, str(DOCUMENT), "exec"), scope)
-    vendor, product, absent = 0x2AB, 7, (0x2100, 0x2101, 0x2102)
-    assert f"vendor=0x{vendor:X}, product={product}, absent=(0x2100, 0x2101, 0x2102)" in text
-    drive = with_defaults(table[NODE], {(0x1018, 1): vendor, (0x1018, 2): product})
+def bench_of_the_page() -> dict[int, BenchDrive]:
+    """What the page's example of a scenario says."""
+    (example,) = re.findall(r"```toml\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    data = tomllib.loads(dump_scenario(load_scenario("hold-still"))) | tomllib.loads(example)
+    scenario = validate(Scenario, data, DOCUMENT)
+    return bench_drives(scenario.drives)
 
+
+def hidden(cell: master_cell.Cell, *indices: int) -> master_cell.Cell:
+    """The SDO server of the drive says of `indices` that there are no such objects."""
+    dictionary = cell.drives[NODE].node.dictionary
+    upload = dictionary.upload
+
+    def without(index: int, subindex: int) -> bytes:
+        if index in indices:
+            raise SdoAbort(AbortCode.NO_SUCH_OBJECT)
+        return upload(index, subindex)
+
+    dictionary.upload = without  # type: ignore[method-assign]
+    return cell
+
+
+def test_a_bought_drive_is_refused_until_the_scenario_says_what_the_page_says(table: dict[int, DeviceDef]) -> None:
+    text = " ".join(DOCUMENT.read_text().split())
+    drive = with_defaults(table[NODE], {(0x1018, 1): 0x2AB, (0x1018, 2): 7})
     cell = master_cell.Cell(settings=as_planner(), drive_devices={NODE: drive})
     cell.power_on()
     cell.run(0.5)
     (event,) = cell.failures()
     assert (event.node_id, event.kind) == (NODE, EventKind.CONFIGURATION_FAILED)
-    assert "vendor-ID 0x0 in 1018h sub 1, came 0x2ab" in event.text
+    begin, end = event.text.split("start-up, read 1018h sub 2: ")
+    assert f"`{begin}… {end}`" in text
 
-    table[NODE] = scope["bought"](table[NODE], vendor, product, absent)
-    assert not has_gate(table[NODE])
-    cell = master_cell.Cell(settings=as_planner(absent_gate=True), drive_devices={NODE: drive}).enabled()
+    bench = bench_of_the_page()
+    assert bench == {NODE: BenchDrive(vendor_id=0x2AB, product_code=7, accept_missing=frozenset({0x607F}))}
+    settings = replace(as_planner(), bench=bench)
+    cell = hidden(master_cell.Cell(settings=settings, drive_devices={NODE: drive}), 0x2100, 0x607F).enabled()
     assert cell.master.phase is MasterPhase.ENABLED
-    asked = {int.from_bytes(frame.data[1:3], "little") for frame in cell.wire if frame.can_id == 0x600 + NODE}
-    assert 0x6007 in asked
-    assert not asked & set(absent)
+    noted = [event.text for event in cell.of_kind(EventKind.NOTED)]
+    assert len(noted) == 2
+    assert all("set up with a difference: " in line and "abort 06020000h" in line for line in noted)
+
+
+def indices_in(cell: str) -> set[int]:
+    """`605Bh … 605Eh, 6060h` to numbers; ranges of whole areas are left out."""
+    found: set[int] = set()
+    for part in cell.split(","):
+        numbers = [int(number, 16) for number in re.findall(r"\b([0-9A-F]{4})h", part)]
+        if "…" in part and numbers[1] - numbers[0] < 16:
+            found.update(range(numbers[0], numbers[1] + 1))
+        elif "…" not in part:
+            found.update(numbers)
+    return found
+
+
+def test_what_the_page_says_may_be_missing_is_what_the_master_lets_be_missing() -> None:
+    text = DOCUMENT.read_text().split("### What may be missing")[1].split("*Noted*")[0]
+    rows = [row.split(" | ") for row in re.findall(r"^\| (.*[0-9A-F]{4}h.*) \|$", text, re.MULTILINE)]
+    noted = set().union(*(indices_in(objects) for objects, missing, _ in rows if missing == "noted"))
+    assert noted == set(FREE)
+    (guards,) = (indices_in(objects) for objects, missing, _ in rows if "accept_missing" in missing)
+    assert guards == set(PROTECTING)
+    differ = set().union(
+        *(indices_in(objects) for objects, _, other in rows if other.startswith("noted;") and "6060h, " in other)
+    )
+    assert differ == set(FREE_TO_DIFFER)
+    tight = set().union(*(indices_in(objects) for objects, _, other in rows if other.startswith("noted if tighter")))
+    assert tight == {index for index, _ in LESS_IS_TIGHTER | MORE_IS_TIGHTER} | {0x6007}
 
 
 def test_what_the_page_calls_not_written_is_not_written(table: dict[int, DeviceDef]) -> None:

@@ -1,6 +1,7 @@
 """`canipulator drives`: a bench of simulated drives for somebody else's master."""
 
 import contextlib
+import json
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from canipulator.cli import main
 from canipulator.drives import node_ids
 from config.errors import ConfigError
+from drivers.bus.carrier import BusError, open_carrier
 from drivers.catalogue import DRIVE_IDS
 
 ROOT = Path(__file__).parents[2]
@@ -131,6 +133,43 @@ def test_drives_that_were_asked_for_are_there_and_the_others_are_silent() -> Non
     }
     assert set(heard) == set(present), "one second of heartbeats, and none of anybody else"
     assert answers == dict.fromkeys(present, bytes.fromhex("43 00 10 00 92 01 02 00"))
+
+
+PACE = "0.2"
+"""Two processes in real time beside whatever else the machine does."""
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("realtime")
+def test_a_drive_of_another_process_takes_the_place_of_one_of_the_ten(tmp_path: Path) -> None:
+    """Robot, planner and mission here, the elbow's drive there; between them the served bus, on 127.0.0.1."""
+    with bench("25", "--pace", PACE) as (process, port):
+        assert process.stderr is not None
+        assert process.stderr.readline().strip() == "25 elbow: switch on disabled"
+        short = ("--set", "step.0.duration_s=1", "--set", "duration_s=3")
+        where = ("--bus", f"served:{port}", "--external", "25", "--pace", PACE, "--out", str(tmp_path / "run"))
+        drive = ("--set", "drives.25.identity=any", "--no-rerun", "--no-dashboard")
+        command = [sys.executable, "-m", "canipulator", "run", "hold-still", *where, *short, *drive]
+        answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert answer.returncode == 0, answer.stderr
+        states = [process.stderr.readline().strip().removeprefix("25 elbow: ")]
+        while states[-1] != "switch on disabled":
+            states.append(process.stderr.readline().strip().removeprefix("25 elbow: "))
+    assert "operation enabled" in states
+    events = (tmp_path / "run" / "events.log").read_text()
+    assert "drive 25 (elbow): set up with a difference: vendor-ID 0x0, product code 0x1: taken as it is" in events
+    assert "drive 25 (elbow): drive configured: mode 8" in events
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert all(verdict["ok"] for verdict in metrics["expectations"])
+    assert metrics["faults"] == []
+    frames = (tmp_path / "run" / "bus.log").read_text()
+    assert frames.count(" 199#") > 100, "feedback of the drive over there, in the log of the run"
+
+
+@pytest.mark.parametrize("port", ["0", "65536", "can0", "29536x"])
+def test_a_served_bus_is_a_port(port: str) -> None:
+    with pytest.raises(BusError, match="must be served:PORT"):
+        open_carrier(f"served:{port}", 1_000_000)
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def assert_all_lively(viewer: HeadlessViewer, titles: tuple[str, ...]) -> None:
     assert viewer.complaints() == []
 
 
-@pytest.mark.parametrize("name", ["sliding-door", "hold-still", "force-guided"])
+@pytest.mark.parametrize("name", ["sliding-door", "force-guided", pytest.param("hold-still", marks=pytest.mark.faults)])
 def test_the_overview_of_a_run(name: str, viewer: HeadlessViewer, tmp_path: Path) -> None:
     viewer.open(recorded(tmp_path, name, 6.0))
     viewer.go_to(5.0)
@@ -93,6 +93,7 @@ def test_a_faulted_run_shows_its_fault_beside_the_states(viewer: HeadlessViewer,
     assert share_like(viewer.picture("Events"), (190, 30, 40), 60) > 1e-4, "ERROR in red among the events"
 
 
+@pytest.mark.faults
 def test_a_minimal_recording_has_the_overview_alone(viewer: HeadlessViewer, tmp_path: Path) -> None:
     viewer.open(recorded(tmp_path, "sliding-door", 4.0, detail=Detail.MINIMAL))
     viewer.go_to(3.0)

@@ -67,7 +67,7 @@ class NumpyServo:
         self.nominal = np.where(mode == AxisMode.POSITION, cubic, self.point)
         mean = 0.5 * (before + self.speed)
         command = np.where(mode == AxisMode.POSITION, p.velocity_feed_forward * mean + p.position_gain * error, mean)
-        command = np.clip(command, -1.5 * p.velocity_limit, 1.5 * p.velocity_limit)
+        command = np.clip(command, -1.05 * p.velocity_limit, 1.05 * p.velocity_limit)
         miss = command - velocity
         integral = np.clip(self.integral + p.integral_gain * miss * DT, -p.integral_limit, p.integral_limit)
         offset = self.offsets[0] + (self.offsets[1] - self.offsets[0]) * (u - 0.05)
