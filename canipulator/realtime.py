@@ -59,6 +59,10 @@ LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
 """From the end of the mission to the end of a role at the latest: the planner comes to rest and switches the drives off."""
 SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
 SIM_CATCH_UP_NS = 100_000_000
+SIM_GRAIN_NS = 5_000_000
+"""Physics alone in its process makes up to five steps at a time, and goes to the present when a frame comes: it answers as before."""
+LOG_FLUSH_NS = 20_000_000
+"""So long may a line of the bus log wait: a system call for every cycle would cost more than the lines."""
 
 
 def run_on_wire(
@@ -113,7 +117,12 @@ class WireRun:
         self.scenario, self.robot, self.options, self.wire, self.directory = scenario, robot, options, wire, directory
         self.bus = bus
         alone = wire.roles == ("sim",)
-        self.clock = RealTimeClock(bus.now_ns, bus, catch_up_ns=SIM_CATCH_UP_NS if alone else CATCH_UP_NS)
+        self.clock = RealTimeClock(
+            bus.now_ns,
+            bus,
+            catch_up_ns=SIM_CATCH_UP_NS if alone else CATCH_UP_NS,
+            grain_ns=SIM_GRAIN_NS if alone else 1,
+        )
         self.period_ns = round(1e9 / scenario.planner.arm_cycle_hz)
         self.watch = MissionWatch(self.period_ns)
         self.faults: list[str] = []
@@ -132,7 +141,9 @@ class WireRun:
         self._began_ns = self._report_ns = 0
         self._signal: int | None = None
         self._forgotten = False
-        self.bus_log = BusLogWriter(directory / "bus.log", clock=self.clock, on_error=self._on_log_error)
+        self.bus_log = BusLogWriter(
+            directory / "bus.log", clock=self.clock, flush_ns=LOG_FLUSH_NS, on_error=self._on_log_error
+        )
         bus.observe(self.watch)
         bus.observe(self.bus_log)
         self._compose()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from canipulator.fault_injection import FAULT_LOG
 from canipulator.outcome import progress_bar
 from canipulator.roles import planner_role
 from config.errors import ConfigError
@@ -66,6 +67,15 @@ def read_run(run_dir: Path) -> tuple[Scenario, list[Frame]]:
     return scenario, frames
 
 
+def read_as_sent(run_dir: Path) -> list[Frame]:
+    """Frames that injected faults swallowed or changed, as they were sent. Raises ConfigError for a log that cannot be read."""
+    log = run_dir / FAULT_LOG
+    try:
+        return list(read_bus_log(log)) if log.is_file() else []
+    except BusLogError as error:
+        raise ConfigError(str(error)) from None
+
+
 def planner_ids(devices: dict[int, DeviceDef]) -> frozenset[int]:
     """Identifiers that node 2 sends: its own, NMT and SYNC, and as master of the drives their set points and SDO requests."""
     own = {NMT_CAN_ID, SYNC_ID, 0x080 + PLANNER_ID, 0x580 + PLANNER_ID, ERROR_CONTROL_BASE + PLANNER_ID}
@@ -80,6 +90,7 @@ def replay(
     scenario: Scenario,
     frames: list[Frame],
     *,
+    as_sent: Iterable[Frame] = (),
     tolerance: float = 0.0,
     on_progress: Callable[[int], None] = lambda t_ns: None,
 ) -> Replayed:
@@ -87,7 +98,7 @@ def replay(
 
     The same scenario and log give the same answer, and for the log of a lockstep run it is bit-identical: the log's microseconds are
     the bus's own wherever a bit takes whole microseconds, and at 800 kbit/s nothing that the planner computes depends on the rest.
-    `tolerance` (SI): see `differing_fields`.
+    `as_sent`: see `read_as_sent`. `tolerance` (SI): see `differing_fields`.
     """
     robot = load_robot(scenario.robot)
     reader = FrameReader(robot.devices.values())
@@ -107,6 +118,7 @@ def replay(
         frames,
         planner_ids(robot.devices),
         compare,
+        as_sent=as_sent,
         bitrate=scenario.bus.bitrate,
         queue_limit=scenario.bus.queue_frames,
     )
@@ -134,7 +146,10 @@ def replay_run(run_dir: Path, method: str | None = None, *, quiet: bool = False)
         frames = [_with_method(frame, Method.named(method)) for frame in frames]
     end_ns = frames[-1].t_ns
     with progress_bar(f"replay {run_dir.name}", end_ns, quiet=quiet) as advance:
-        result = replay(scenario, frames, on_progress=lambda t_ns: advance(t_ns, f"{t_ns * 1e-9:.1f} s"))
+        as_sent = read_as_sent(run_dir)
+        result = replay(
+            scenario, frames, as_sent=as_sent, on_progress=lambda t_ns: advance(t_ns, f"{t_ns * 1e-9:.1f} s")
+        )
     return scenario, result
 
 

@@ -106,7 +106,8 @@ def simulated_robot(
         if node_id not in absent
     ]
     read = _force_reading(world) if parts is None else parts.force
-    sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, read)
+    has_noise = parameters.force_sensor.force_noise_n > 0.0
+    sensor = ForceSensorNode(devices[FORCE_SENSOR_ID], clock, bus, read, flickers=has_noise)
     gripper = GripperNode(devices[GRIPPER_ID], clock, bus, world.surroundings.gripper)
     tracker = _tracker(robot, scenario, world, clock, bus, parts) if scenario.feedback.rate_hz > 0.0 else None
     return SimulatedRobot(world, bank, drives, sensor, gripper, tracker, clock, parts)

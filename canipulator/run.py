@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
-from canipulator.fault_injection import FaultInjector, Parts
+from canipulator.fault_effects import Parts
+from canipulator.fault_injection import FAULT_LOG, FaultInjector
 from canipulator.outcome import (
     EXPECTATION_MISSED,
     OK,
@@ -114,6 +115,7 @@ class LockstepRun:
             robot, scenario, self.clock, self.bus, self._on_event, time.perf_counter_ns
         )
         self.strategic: StrategicNode = strategic_role(robot, scenario, self.clock, self.bus, self._on_event)
+        self.fault_log: BusLogWriter | None = None
         self.injector = self._injector()
         self._time_physics()
 
@@ -122,6 +124,8 @@ class LockstepRun:
 
     def __exit__(self, *_: object) -> None:
         self.bus_log.close()
+        if self.fault_log is not None:
+            self.fault_log.close()
         self.log.close()
         self.sim.world.close()
 
@@ -180,6 +184,7 @@ class LockstepRun:
         sim, scenario = self.sim, self.scenario
         if sim.breakable is None:
             return None
+        self.fault_log = BusLogWriter(self.directory / FAULT_LOG, clock=self.clock)
         files = {"bus.log": self.bus_log.fileno, "events.log": self.log.event_fileno}
         parts = Parts(
             self.clock,
@@ -191,6 +196,7 @@ class LockstepRun:
             self.strategic.node,
             files,
             self._on_event,
+            self.fault_log,
         )
         return FaultInjector(scenario.fault, scenario.seed, parts)
 

@@ -29,12 +29,21 @@ def from_validation(error: ValidationError, source: Path | str, valid_keys: dict
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if finding["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         *table, name = finding["loc"]
-        keys = valid_keys.get(dotted(part for part in table if isinstance(part, str)), [])
+        keys = valid_keys.get(_table_path(table, valid_keys), [])
         return ConfigError(f"{source}: unknown key {key!r}, {nearest(str(name), keys)}{more}")
     if finding["type"] in ("missing", "missing_argument"):
         return ConfigError(f"{source}: key {key!r} is missing{more}")
     reason = finding["msg"].removeprefix("Value error, ")
     return ConfigError(f"{source}: {key} = {shown(finding['input'])}: {reason[0].lower()}{reason[1:]}{more}")
+
+
+def _table_path(table: Iterable[Any], valid_keys: Iterable[str]) -> str:
+    """The path of a table without the positions of lists and the names that a table of tables is free to have (`drives.25`)."""
+    path = ""
+    for part in table:
+        longer = f"{path}.{part}" if path else str(part)
+        path = longer if longer in valid_keys else path
+    return path
 
 
 def dotted(location: Iterable[Any]) -> str:

@@ -88,7 +88,7 @@ class PlannerNode(NodeApplication):
         self._stopping_since_ns: int | None = None
         self._acknowledgeable = False
         self._sync_ns = self._last_sync_ns = 0
-        self._sync_count = 0
+        self._sync_count = self._period_count = 0
         self._answered = 0
         self._deadline: Timer | None = None
         self._commanded = self._followed = 0.0
@@ -137,6 +137,8 @@ class PlannerNode(NodeApplication):
             self._compute(complete=False)
         self._last_sync_ns, self._sync_ns = self._sync_ns, self._clock.now_ns()
         self._sync_count = (self._sync_count + 1) & 0xFFFF
+        passed = self._sync_ns // self._period_ns - self._last_sync_ns // self._period_ns if self._last_sync_ns else 1
+        self._period_count = (self._period_count + max(1, passed)) & 0xFFFF  # a SYNC that was left out has its number
         self._answered = 0
         self.master.on_sync()
         self._deadline = self._clock.call_at(self._sync_ns + self._period_ns * 6 // 10, self._on_deadline)
@@ -288,7 +290,7 @@ class PlannerNode(NodeApplication):
         )
         pose = outputs.X_RE if outputs.X_RE is not None else outputs.T_RE
         self._reference_out.publish(
-            ReferencePose(pose[:3, 3], rotation_vector(pose), outputs.X_RE is not None, self._sync_count, counter)
+            ReferencePose(pose[:3, 3], rotation_vector(pose), outputs.X_RE is not None, self._period_count, counter)
         )
 
     def _on_drive_event(self, event: DriveEvent) -> None:

@@ -24,6 +24,9 @@ class FrameSource(Protocol):
     def first_ns(self) -> int | None:
         """Takes in what has arrived. Arrival of the oldest frame that was not handed out yet, None if there is none."""
 
+    def waiting_ns(self) -> int | None:
+        """The same of what was taken in already: nothing is asked of the system."""
+
     def hand_out(self, t_ns: int) -> None:
         """Gives the oldest frame to all who hear it, stamped `t_ns`."""
 
@@ -47,6 +50,9 @@ class RealTimeClock:
     A timer that is called later than `late_ns` is an overrun: `overruns` counts them, `max_lateness_ns` is the worst of all.
     One that is later than `catch_up_ns` is told the present time instead of its own, so that whoever has to do something
     once per period (a SYNC) leaves out what cannot be made up for.
+
+    The system is asked once a round: the time, then what has arrived. All that happened up to that time is then known, and is
+    gone through in order. System calls may cost as much as a callback (a user-mode kernel answers even «what time is it?» by one).
     """
 
     def __init__(
@@ -56,14 +62,20 @@ class RealTimeClock:
         *,
         catch_up_ns: int = CATCH_UP_NS,
         late_ns: int = LATE_NS,
+        grain_ns: int = 1,
     ) -> None:
-        """`now_ns` must never run backwards."""
+        """`now_ns` must never run backwards.
+
+        `grain_ns`: nobody is woken up for a timer but at multiples of this; it is called by the next of them at the latest, and
+        with the time at which it was due. Lateness counts from there. A frame wakes up at once.
+        """
         self.overruns = 0
         self.max_lateness_ns = 0
         self._read = now_ns
         self._source = source
         self._catch_up_ns = catch_up_ns
         self._late_ns = late_ns
+        self._grain_ns = grain_ns
         self._now_ns = now_ns()
         self._heap: list[tuple[int, int, int, _Timer]] = []
         self._sequence = 0
@@ -86,28 +98,44 @@ class RealTimeClock:
 
     def run_until(self, t_ns: int) -> None:
         """Runs every event up to `t_ns`, and returns then, or soon after `stop`. Exceptions pass through."""
-        heap, source = self._heap, self._source
         self._running, self._stopped = True, False
         try:
             while not self._stopped:
-                due_ns = heap[0][0] if heap else t_ns + 1
-                arrival_ns = source.first_ns()
-                if arrival_ns is not None and arrival_ns <= due_ns:
-                    if arrival_ns > t_ns:
-                        return
-                    self._now_ns = max(self._now_ns, arrival_ns)
-                    source.hand_out(self._now_ns)
-                    continue
                 present_ns = self._read()
-                if due_ns <= present_ns and due_ns <= t_ns:
-                    self._call(due_ns, present_ns)
-                elif present_ns >= t_ns:
+                if self._round(t_ns, present_ns) or self._stopped:
+                    continue
+                waiting_ns = self._source.waiting_ns()
+                if waiting_ns is not None and waiting_ns > t_ns:
+                    return
+                if present_ns >= t_ns:
                     self._now_ns = max(self._now_ns, t_ns)
                     return
-                else:
-                    source.wait(min(due_ns, t_ns) - present_ns)
+                due_ns = self._on_grain(self._heap[0][0]) if self._heap else t_ns
+                self._source.wait(min(due_ns, t_ns) - present_ns)
         finally:
             self._running = False
+
+    def _round(self, t_ns: int, present_ns: int) -> bool:
+        """All that has happened up to `present_ns`, in order, and what of it is due by `t_ns`. False: nothing was."""
+        heap, source = self._heap, self._source
+        arrival_ns, worked = source.first_ns(), False
+        while not self._stopped:
+            due_ns = heap[0][0] if heap else t_ns + 1
+            if arrival_ns is not None and arrival_ns <= due_ns:
+                if arrival_ns > t_ns:
+                    break
+                self._now_ns = max(self._now_ns, arrival_ns)
+                source.hand_out(self._now_ns)
+            elif due_ns <= present_ns and due_ns <= t_ns:
+                self._call(due_ns, present_ns)
+            else:
+                break
+            worked = True
+            arrival_ns = source.waiting_ns()
+        return worked
+
+    def _on_grain(self, t_ns: int) -> int:
+        return -(-t_ns // self._grain_ns) * self._grain_ns
 
     def stop(self) -> None:
         """Makes the `run_until` in progress return after the present event. May be called from a signal handler."""
@@ -121,7 +149,7 @@ class RealTimeClock:
         callback = heappop(self._heap)[3].callback
         if callback is None:
             return
-        lateness_ns = present_ns - due_ns
+        lateness_ns = present_ns - self._on_grain(due_ns)
         if lateness_ns > self.max_lateness_ns:
             self.max_lateness_ns = lateness_ns
         if lateness_ns > self._late_ns:

@@ -20,23 +20,34 @@ from stack.messages import TrackedPose, Vector, Wrench
 
 _ENDS = np.repeat([32767 * FORCE_SCALE_N, 32767 * TORQUE_SCALE_NM], 3)
 """What six INTEGER16 can just hold: (6,) N and N·m."""
+STUCK_SYNCS = 5
+"""Readings on end that are the same to the last bit; no reading of a sensor with noise is."""
 AFTER_PHYSICS = 5
 """Clock priority of whatever looks at the world: after the tick of the same instant."""
 
 
 class ForceSensorNode(NodeApplication):
     """Samples `read` — a wrench (6,) in the end-point frame — at every SYNC. What is no number, or at the end of the wire's range or
-    beyond it in any direction, is no measurement: an emergency message instead of a frame."""
+    beyond it in any direction, or, from a sensor that `flickers` (has noise), the same `STUCK_SYNCS` times on end, is no measurement:
+    an emergency message instead of a frame."""
 
-    def __init__(self, device: DeviceDef, clock: Clock, bus: Bus, read: Callable[[], Vector]) -> None:
+    def __init__(
+        self, device: DeviceDef, clock: Clock, bus: Bus, read: Callable[[], Vector], *, flickers: bool = False
+    ) -> None:
         self.node = CanopenNode(device, clock, bus, self)
         self._read = read
+        self._flickers = flickers
+        self._last: Vector = np.full(6, np.nan)
+        self._same = 1
         self._counter = 0
         self._publisher = Publisher(self.node, WRENCH)
 
     def on_sync(self, counter: int | None) -> None:
         wrench = self._read()
-        if not np.all(np.abs(wrench) < _ENDS):  # NaN compares as False
+        self._same = self._same + 1 if np.array_equal(wrench, self._last) else 1
+        self._last = wrench
+        stuck = self._flickers and self._same >= STUCK_SYNCS
+        if stuck or not np.all(np.abs(wrench) < _ENDS):  # NaN compares as False
             self._publisher.mute()  # what is no measurement is not sent: the listeners' time-outs are for that
             self.node.emcy.report(EmcyCode.SENSOR)
             return

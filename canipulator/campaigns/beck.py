@@ -31,7 +31,7 @@ class BeckCampaign:
     solver: str
     weights: Weights = Weights()
     name: str = "beck"
-    batch: int = 20
+    batch: int = 50
     unit_name: str = "pairs"
 
     def groups(self, pairs: int | None) -> Mapping[str, int]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from canipulator.campaigns.cluster import cluster_command
 from config.errors import ConfigError
 
 
@@ -18,7 +19,7 @@ from config.errors import ConfigError
 @click.option("--jobs", type=click.IntRange(min=1), help="Processes on this machine [default: one for each core].")
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder; also with more --pairs than before.")
 @click.option(
-    "--cluster", metavar="URL", help="A Dask scheduler, e.g. tcp://127.0.0.1:8786, instead of processes here."
+    "--cluster", metavar="URL", help="A Dask scheduler (canipulator cluster), tcp://…, instead of processes here."
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the results [default: runs/campaign-NAME].")
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True)
@@ -53,4 +54,4 @@ def campaign_command(
     raise SystemExit(run_campaign(campaign, options))
 
 
-COMMANDS = (campaign_command,)
+COMMANDS = (campaign_command, cluster_command)

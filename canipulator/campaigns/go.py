@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Mapping
@@ -17,6 +18,8 @@ from canipulator.campaigns.store import Store
 from canipulator.campaigns.workers import Finished, cluster_workers, local_workers, run_batches
 from canipulator.outcome import EXPECTATION_MISSED, OK, progress_bar
 
+LEAST_BATCHES = 8
+"""Batches for each core at least, so that none waits long for the last ones of a small campaign."""
 FILE_WIDTH = 150
 """Characters in a line where the output is no terminal: tables unbroken."""
 
@@ -82,12 +85,13 @@ def run_campaign(campaign: Campaign, options: CampaignOptions) -> int:
 
 
 def _compute(campaign: Campaign, options: CampaignOptions, store: Store, groups: Mapping[str, int]) -> Tally:
-    todo, tally = store.missing(groups, campaign.batch), Tally()
+    total, cores = sum(groups.values()), options.jobs or os.cpu_count() or 1
+    share = math.ceil(total / (LEAST_BATCHES * cores))
+    todo, tally = store.missing(groups, min(campaign.batch, share)), Tally()
     if not todo:
         return tally
-    total = sum(groups.values())
     done = total - sum(batch.count for batch in todo)
-    jobs = min(options.jobs or os.cpu_count() or 1, len(todo))
+    jobs = min(cores, len(todo))
     workers = local_workers(jobs) if options.cluster is None else cluster_workers(options.cluster)
     with workers as client, progress_bar(campaign.name, total, quiet=options.quiet) as advance:
 

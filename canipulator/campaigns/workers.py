@@ -23,6 +23,8 @@ ATTEMPTS = 4
 QUEUED = 3
 """Batches under way for each worker: one that it computes and some that wait, so that it never does."""
 CONNECT_S = 10.0
+THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""A worker is one core: no library may take more."""
 
 _ONE_AT_A_TIME = threading.Lock()
 _warm: set[tuple[str, str]] = set()
@@ -66,10 +68,13 @@ def _single_threaded() -> None:
 
 
 @contextlib.contextmanager
-def local_workers(jobs: int) -> Iterator[Any]:
-    """A client of `jobs` processes of this machine with one thread each; they end with it, even if it is killed."""
+def local_cluster(jobs: int, *, host: str = "127.0.0.1", port: int = 0) -> Iterator[Any]:
+    """A Dask cluster of `jobs` processes of this machine with one thread each; they end with this process, even if it is killed.
+
+    Scheduler, workers and nannies listen at `host` alone, the status page, which cannot be turned off, at 127.0.0.1 in any case.
+    """
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import LocalCluster
 
     settings = {
         "distributed.scheduler.allowed-failures": ATTEMPTS,
@@ -77,7 +82,7 @@ def local_workers(jobs: int) -> Iterator[Any]:
         "distributed.admin.log-length": 0,
         "distributed.scheduler.http.routes": [],  # its status page has nothing to show that is not in the terminal
         "distributed.worker.http.routes": [],
-        "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREAD_LIMITS, 1),
     }
     with (
         dask.config.set(settings),
@@ -85,14 +90,23 @@ def local_workers(jobs: int) -> Iterator[Any]:
             n_workers=jobs,
             threads_per_worker=1,
             processes=True,
-            host="127.0.0.1",
+            host=host,
+            scheduler_port=port,
             dashboard_address="127.0.0.1:0",  # it listens whatever one says; here on a port that nobody else wants
             scheduler_kwargs={"dashboard": False},
             memory_limit=0,
             silence_logs="CRITICAL",
         ) as cluster,
-        Client(cluster) as client,
     ):
+        yield cluster
+
+
+@contextlib.contextmanager
+def local_workers(jobs: int) -> Iterator[Any]:
+    """A client of such a cluster that only this machine can reach."""
+    from distributed import Client
+
+    with local_cluster(jobs) as cluster, Client(cluster) as client:
         yield client
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from heapq import merge
+from typing import NamedTuple
 
 from drivers.bus.base import OnFrame
 from drivers.clock import LAST, LockstepClock
@@ -34,6 +36,23 @@ class Pair:
         return self.recorded is not None and self.sent is not None and self.recorded.data == self.sent.data
 
 
+class _OnWire(NamedTuple):
+    """A frame as it was sent, and as everybody got it (None: nobody did)."""
+
+    sent: Frame
+    received: Frame | None
+
+
+def _on_wire(frames: Iterable[Frame], as_sent: Iterable[Frame]) -> Iterable[_OnWire]:
+    """Both logs as one, in the order of the times; two frames of one identifier cannot end in the same microsecond."""
+    before = {(frame.t_ns, frame.can_id): frame for frame in as_sent}
+    if not before:
+        return (_OnWire(frame, frame) for frame in frames)
+    entries = [_OnWire(before.pop((frame.t_ns, frame.can_id), frame), frame) for frame in frames]
+    swallowed = [_OnWire(frame, None) for frame in before.values()]
+    return merge(entries, swallowed, key=lambda entry: entry.sent.t_ns)
+
+
 class PlaybackPort:
     """A node's access: what it sends waits until the log says that the wire was its."""
 
@@ -57,6 +76,8 @@ class PlaybackBus:
 
     `own_ids`: identifiers that the attached nodes send. Each such frame of the log, and each frame sent in excess, is given to `on_pair`
     in the order of the wire. Frames that wait when the log ends are left alone: they may have been on their way.
+    `as_sent`: frames (in the order of their times) that an injected fault kept from everybody, or that came out of it with other bytes, as
+    they were when they were sent: they take their time on the wire and their sender is compared with them.
     """
 
     def __init__(
@@ -66,12 +87,13 @@ class PlaybackBus:
         own_ids: frozenset[int],
         on_pair: Callable[[Pair], None],
         *,
+        as_sent: Iterable[Frame] = (),
         sync_id: int = 0x080,
         bitrate: int = 1_000_000,
         queue_limit: int = 64,
     ) -> None:
         self._clock = clock
-        self._frames: Iterator[Frame] = iter(frames)
+        self._frames: Iterator[_OnWire] = iter(_on_wire(frames, as_sent))
         self._own_ids = own_ids
         self._on_pair = on_pair
         self._sync_id = sync_id
@@ -109,18 +131,19 @@ class PlaybackBus:
         return True
 
     def _next(self) -> None:
-        frame = next(self._frames, None)
-        if frame is None:
+        entry = next(self._frames, None)
+        if entry is None:
             self.ended = True
             self._clock.stop()
             return
+        frame = entry.sent
         start_ns = frame.t_ns - (bit_length(frame.can_id, frame.data) - INTERFRAME_BITS) * self._bit_ns
         # begun at LAST, ended at 0: the places that a lockstep bus gives arbitration and reception among the events of an instant
-        self._clock.call_at(max(start_ns, self._clock.now_ns()), lambda: self._begin(frame, start_ns), LAST)
+        self._clock.call_at(max(start_ns, self._clock.now_ns()), lambda: self._begin(entry, start_ns), LAST)
 
-    def _begin(self, frame: Frame, start_ns: int) -> None:
-        self._look_for_excess(frame, start_ns)
-        self._clock.call_at(max(frame.t_ns, self._clock.now_ns()), lambda: self._end(frame))
+    def _begin(self, entry: _OnWire, start_ns: int) -> None:
+        self._look_for_excess(entry.sent, start_ns)
+        self._clock.call_at(max(entry.sent.t_ns, self._clock.now_ns()), lambda: self._end(entry))
 
     def _look_for_excess(self, frame: Frame, start_ns: int) -> None:
         """What waits and would have won this arbitration, or could have gone before it, was not sent in the run."""
@@ -134,18 +157,23 @@ class PlaybackBus:
                 port.queued -= 1
                 self._on_pair(Pair(None, waiting, self._syncs))
 
-    def _end(self, frame: Frame) -> None:
-        self._free_ns = frame.t_ns + INTERFRAME_BITS * self._bit_ns
-        self._syncs += frame.can_id == self._sync_id
-        if frame.can_id in self._own_ids:
-            self._on_pair(Pair(frame, self._sent(frame.can_id), self._syncs))
+    def _end(self, entry: _OnWire) -> None:
+        can_id, t_ns = entry.sent.can_id, entry.sent.t_ns
+        self._free_ns = t_ns + INTERFRAME_BITS * self._bit_ns
+        self._syncs += can_id == self._sync_id
+        if can_id in self._own_ids:
+            self._on_pair(Pair(entry.sent, self._sent(can_id), self._syncs))
+        if entry.received is not None:
+            self._deliver(entry.received)
+        self._next()
+
+    def _deliver(self, frame: Frame) -> None:
         for observer in self._observers:
             observer(frame)
         if frame.can_id not in self._own_ids:
             for port in tuple(self._ports):
                 if port.can_ids is None or frame.can_id in port.can_ids:
                     port.on_frame(frame)
-        self._next()
 
     def _sent(self, can_id: int) -> Frame | None:
         """The oldest frame that waits under this identifier; its sender gets its place in the queue back."""

@@ -20,6 +20,8 @@ from drivers.frame import MAX_CAN_ID, MAX_DATA_BYTES, Frame, bit_length, check_f
 STRANGE_NS = NS_PER_S
 """A stamp that is further away from now than this is not believed: somebody has set the clock."""
 
+COMPARED_NS = 50_000_000
+
 
 class PythonCanPort:
     """One node's access: acceptance filter and counters."""
@@ -74,6 +76,7 @@ class PythonCanBus:
         self._arrived: deque[tuple[int, int, bytes, PythonCanPort | None]] = deque()
         self._last_ns = now_ns()
         self._load = LoadMeter(self._last_ns, load_window_ns)
+        self._compared = (0, -(1 << 62))
         self._bit_ns = NS_PER_S // bitrate
         self._wire_ns = self._last_ns
         self._frames = self._bits = self._error_frames = 0
@@ -108,15 +111,15 @@ class PythonCanBus:
     def first_ns(self) -> int | None:
         """See `FrameSource.first_ns`. Raises BusError when the bus has gone away."""
         try:
-            arrival = self._carrier.receive()
-            if arrival is not None:
-                now_ns = self.now_ns()
-                stamp_clock_ns = None if self._stamp_clock_ns is None else self._stamp_clock_ns()
-                while arrival is not None:
-                    self._take(arrival, now_ns, stamp_clock_ns)
-                    arrival = self._carrier.receive()
+            arrivals = self._carrier.receive()
         except (can.CanError, OSError) as error:
             raise self._gone(error) from error
+        if arrivals:
+            self._take(arrivals)
+        return self.waiting_ns()
+
+    def waiting_ns(self) -> int | None:
+        """See `FrameSource.waiting_ns`."""
         return self._arrived[0][0] if self._arrived else None
 
     def wait(self, timeout_ns: int) -> None:
@@ -124,11 +127,11 @@ class PythonCanBus:
         if self._arrived:
             return
         try:
-            arrival = self._carrier.wait(max(timeout_ns, 0) * 1e-9 / self._pace)
+            arrivals = self._carrier.wait(max(timeout_ns, 0) * 1e-9 / self._pace)
         except (can.CanError, OSError) as error:
             raise self._gone(error) from error
-        if arrival is not None:
-            self._take(arrival, self.now_ns(), None if self._stamp_clock_ns is None else self._stamp_clock_ns())
+        if arrivals:
+            self._take(arrivals)
 
     def hand_out(self, t_ns: int) -> None:
         """See `FrameSource.hand_out`."""
@@ -169,16 +172,24 @@ class PythonCanBus:
         with contextlib.suppress(can.CanError, OSError):
             self._carrier.close()
 
-    def _take(self, arrival: Arrival, now_ns: int, stamp_clock_ns: int | None) -> None:
-        """Into the queue, with the interface's stamp in the time of the run; never before the frame before."""
-        if arrival.can_id < 0:
-            self._error_frames += 1
-            return
-        if stamp_clock_ns is not None and abs(age_ns := stamp_clock_ns - arrival.stamp_ns) < STRANGE_NS:
-            now_ns -= round(age_ns * self._pace)
-        self._last_ns = max(self._last_ns, now_ns)
-        sender = self._sender(arrival.can_id, arrival.data)
-        self._arrived.append((self._last_ns, arrival.can_id, arrival.data, sender))
+    def _take(self, arrivals: list[Arrival]) -> None:
+        """Into the queue, with the interface's stamps in the time of the run; none before the frame before."""
+        now_ns = self.now_ns() if self._stamp_clock_ns is None else 0
+        for stamp_ns, can_id, data in arrivals:
+            if can_id < 0:
+                self._error_frames += 1
+                continue
+            arrival_ns = now_ns if self._stamp_clock_ns is None else self._in_run_time(stamp_ns, self._stamp_clock_ns)
+            self._last_ns = max(self._last_ns, arrival_ns)
+            self._arrived.append((self._last_ns, can_id, data, self._sender(can_id, data)))
+
+    def _in_run_time(self, stamp_ns: int, stamp_clock_ns: Callable[[], int]) -> int:
+        """The two clocks are compared anew with the first stamp after `COMPARED_NS`: reading them takes two system calls."""
+        run_ns, clock_ns = self._compared
+        if abs(stamp_ns - clock_ns) >= COMPARED_NS:
+            run_ns, clock_ns = self._compared = (self.now_ns(), stamp_clock_ns())
+        age_ns = clock_ns - stamp_ns
+        return run_ns - (round(age_ns * self._pace) if abs(age_ns) < STRANGE_NS else 0)
 
     def _gone(self, error: Exception) -> BusError:
         return BusError(f"{self.url}: the bus has gone away: {reason(error)}")

@@ -144,6 +144,9 @@ class SdoClient:
         if data[1:4] != transfer.multiplexer:
             self.ignored += 1
             return
+        if command == 0x60 if transfer.payload is None else command >> 5 == 2:
+            self.ignored += 1  # a late answer to a request of the other kind for this object: written twice, now read back
+            return
         if transfer.payload is not None:
             if command != 0x60:
                 self._abort(transfer, AbortCode.UNKNOWN_COMMAND)

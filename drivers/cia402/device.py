@@ -17,6 +17,7 @@ from drivers.cia402.bank import DriveBank
 from drivers.cia402.faults import CODE_OF_ALARM, CODE_OF_LOSS, Faults
 from drivers.cia402.gate_keeper import GateKeeper
 from drivers.cia402.homing import Homing
+from drivers.cia402.master_watch import MasterWatch
 from drivers.cia402.parameters import AbortConnection, DriveParameters, QuickStop
 from drivers.cia402.process_data import LIMITED, ProcessData
 from drivers.cia402.states import (
@@ -35,12 +36,6 @@ from drivers.cia402.states import (
 from drivers.clock import Clock
 from drivers.objects import DeviceDef, Value
 from stack.servo.state import AxisMode
-
-MISSED_PERIODS = 3
-"""SYNC periods without a set point, or without SYNC, until the drive says so. By then it brakes: the loops do that by themselves, two
-periods after the last set point; they go on when set points return."""
-LOST_PERIODS = 10
-"""… until the drive gives its master up: the reaction of 6007h."""
 
 _LOOP = {
     Mode.CYCLIC_POSITION: AxisMode.POSITION,
@@ -70,8 +65,7 @@ class Drive(NodeApplication):
         self.faults = Faults(self.node)
         self.gate = GateKeeper(self.node, self.parameters, clock, lambda: self._follows)
         self._controlword = 0
-        self._missing = 0
-        self._sync_late = False
+        self._watch = MasterWatch(self.node, self.axis, self.parameters, clock, self.on_communication_loss)
         self._flags = 0
         self._after_stop: State | None = None
         self._holding = False
@@ -151,21 +145,15 @@ class Drive(NodeApplication):
             self.faults.recovered(fresh)
         if self.state is not State.OPERATION_ENABLED or self._loop is None:
             return
-        now_ns, period_ns = self.clock.now_ns(), self.parameters.period_ns
         if fresh:
-            self._missing = 0
+            self._watch.missing = 0
             if self._holding:
                 self._resume()
-            self.process_data.pass_on(now_ns, period_ns)
+            self.process_data.pass_on(self.clock.now_ns(), self.parameters.period_ns)
         elif not self._holding:
-            self._missing += 1
-            if self._missing == MISSED_PERIODS:
-                self.node.emcy.report(EmcyCode.RPDO_TIMEOUT)
-            elif self._missing >= LOST_PERIODS:
-                self.on_communication_loss(CommunicationLoss.RPDO)
+            self._watch.on_missing()
         if self.state is State.OPERATION_ENABLED and not self._holding:
-            self._sync_late = False
-            self.axis.expect_sync(now_ns + MISSED_PERIODS * period_ns)
+            self._watch.on_sync()
 
     # ---- controlword
 
@@ -225,12 +213,9 @@ class Drive(NodeApplication):
 
     def _enable(self) -> None:
         self.state = State.OPERATION_ENABLED
-        self._missing = 0
-        self._sync_late = False
         self.process_data.seed()
         self.gate.seed(self.process_data.position() if self.mode is Mode.CYCLIC_POSITION else 0)
-        deadline_ns = self.clock.now_ns() + MISSED_PERIODS * self.parameters.period_ns
-        self.axis.expect_sync(None if self._loop is None else deadline_ns)
+        self._watch.begin(cyclic=self._loop is not None)
         self._resume()
 
     def _resume(self) -> None:
@@ -285,19 +270,9 @@ class Drive(NodeApplication):
             if alarm & bit:
                 self._fault(code, at_once=bit is Alarm.SENSOR or helpless)  # no ramp without an encoder either
         if alarm & Alarm.SYNC_LOST:
-            self._on_late_sync()
+            self._watch.on_late_sync()
         if alarm & Alarm.STOPPED and self._after_stop is not None:
             self._switch_off(self._after_stop)
-
-    def _on_late_sync(self) -> None:
-        """The first time: said, and waited for; the second time: given up."""
-        if self._sync_late:
-            self.on_communication_loss(CommunicationLoss.SYNC)
-        else:
-            self._sync_late = True
-            self.node.emcy.report(EmcyCode.SYNC_LOST)
-            wait_ns = (LOST_PERIODS - MISSED_PERIODS) * self.parameters.period_ns
-            self.axis.expect_sync(self.clock.now_ns() + wait_ns)
 
     def _fault(self, code: EmcyCode, at_once: bool = False) -> None:
         """Transition 13 with the reaction of 605Eh, then 14; `at_once`: no ramp, torque off."""
@@ -333,13 +308,13 @@ class Drive(NodeApplication):
         if self.state is not State.OPERATION_ENABLED:
             standing = self.state is State.QUICK_STOP_ACTIVE and self.process_data.standing
             return bits | (Status.TARGET_REACHED if standing else 0)
-        if self._missing:
+        if self._watch.missing:
             bits |= Status.WARNING
         if self.mode is Mode.HOMING:
             return bits | self.homing.status
         if self._after_stop is not None or self._holding or self._controlword & Control.HALT:
             return bits | (Status.TARGET_REACHED if self.process_data.standing else 0)
-        if self._loop is not None and self._missing < MISSED_PERIODS:
+        if self._loop is not None and self._watch.follows:
             bits |= Status.FOLLOWS_TARGET
             if self.process_data.target_reached():
                 bits |= Status.TARGET_REACHED

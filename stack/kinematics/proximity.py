@@ -54,6 +54,17 @@ class Proximity:
     platform: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyShape:
+    """A link's collision shape with the arm at zero: `kind` box, cylinder or sphere, `size` (edges; radius, length; radius; m), `pose` (4, 4)
+    seen from the arm's base, `joint`: how many joints carry it."""
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Array
+    joint: int
+
+
 @dataclass(frozen=True, slots=True)
 class _Body:
     """One link's shape: index in the geometry model, the joint that carries it (0: none), radius of a ball around it."""
@@ -97,6 +108,20 @@ class BodyDistances:
     def pairs(self) -> tuple[str, ...]:
         """Names of the pairs that are kept apart."""
         return tuple(f"{first.name} - {second.name}" for first, second in self._pairs)
+
+    @property
+    def body_pairs(self) -> frozenset[tuple[int, int]]:
+        """The same pairs as positions in `shapes_at_zero`, the smaller first."""
+        return frozenset((first.index, second.index) for first, second in self._pairs)
+
+    def shapes_at_zero(self) -> list[BodyShape]:
+        """Every shape; ValueError for one that is neither box, cylinder nor sphere."""
+        pin.forwardKinematics(self._model, self._data, np.zeros(self.n))
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._places)
+        return [
+            BodyShape(*_kind_and_size(shape), np.array(self._places.oMg[i].homogeneous), int(shape.parentJoint))
+            for i, shape in enumerate(self._shapes.geometryObjects)
+        ]
 
     def _body(self, index: int) -> _Body:
         shape = self._shapes.geometryObjects[index]
@@ -165,6 +190,17 @@ class BodyDistances:
         lever = point - self._data.oMi[body.joint].translation
         rate: Array = normal @ jacobian[:3] + np.cross(lever, normal) @ jacobian[3:]
         return rate
+
+
+def _kind_and_size(shape: Any) -> tuple[str, tuple[float, ...]]:
+    geometry = shape.geometry
+    if isinstance(geometry, coal.Box):
+        return "box", tuple(2.0 * float(half) for half in geometry.halfSide)
+    if isinstance(geometry, coal.Cylinder):
+        return "cylinder", (float(geometry.radius), 2.0 * float(geometry.halfLength))
+    if isinstance(geometry, coal.Sphere):
+        return "sphere", (float(geometry.radius),)
+    raise ValueError(f"shape {shape.name} is a {type(geometry).__name__}, must be a box, a cylinder or a sphere")
 
 
 def _middle(shape: Any) -> Array:

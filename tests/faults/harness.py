@@ -23,7 +23,10 @@ TICK_S = 1e-3
 
 @dataclass
 class Record:
-    """`t` (s), `q`, `dq` (rows of 8), `tcp` (rows of 3, m), `wheels` (rows of 2, rad/s of the encoders): the truth, tick by tick."""
+    """`t` (s), `q`, `dq` (rows of 8), `tcp` (rows of 3, m), `wheels` (rows of 2, rad/s of the encoders): the truth, tick by tick.
+
+    `set_point`, `set_velocity`: (rows of 10, wheels first) what the loops of the drives follow.
+    """
 
     directory: Path
     run: LockstepRun
@@ -32,6 +35,8 @@ class Record:
     dq: Matrix
     tcp: Matrix
     wheels: Matrix
+    set_point: Matrix
+    set_velocity: Matrix
     frames: list[Frame]
     events: list[Event]
 
@@ -72,7 +77,7 @@ def watch(scenario: Scenario, directory: Path, duration_s: float, *, record: boo
     """Runs `scenario` for `duration_s` and keeps everything. Files are those of an ordinary run."""
     directory.mkdir(parents=True, exist_ok=True)
     options = RunOptions(out=directory, duration_s=duration_s, record=record, quiet=True)
-    q, dq, tcp, wheels = [], [], [], []
+    q, dq, tcp, wheels, set_point, set_velocity = [], [], [], [], [], []
     frames: list[Frame] = []
     with LockstepRun(scenario, load_robot(scenario.robot), options, directory) as run:
         run.bus.observe(frames.append)
@@ -86,10 +91,14 @@ def watch(scenario: Scenario, directory: Path, duration_s: float, *, record: boo
             dq.append(physics.dq.copy())
             tcp.append(physics.pose_WE()[:3, 3])
             wheels.append(world.plant.wheels.encoder_rate.copy())
+            servo = run.sim.bank.servo.state
+            set_point.append(servo.set_point.copy())
+            set_velocity.append(servo.set_velocity.copy())
 
         world.step = watched  # type: ignore[method-assign]
         run._done = lambda: False  # type: ignore[method-assign]  # a mission that has failed is no reason to look away
         run.go()
     t = TICK_S * np.arange(1, len(q) + 1)
     events = list(run.log.table.events)
-    return Record(directory, run, t, np.array(q), np.array(dq), np.array(tcp), np.array(wheels), frames, events)
+    rows = [np.array(each) for each in (q, dq, tcp, wheels, set_point, set_velocity)]
+    return Record(directory, run, t, *rows, frames, events)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +113,7 @@ ROWS = (
     Row("planner-killed", stops=True, within_s=0.7, emergencies=SYNC_LOST),
     Row("planner-slow", stops=False),
     Row("strategic-killed", stops=True, within_s=0.8),
-    Row("force-stuck", stops=False),
+    Row("force-stuck", stops=False, emergencies=((31, EmcyCode.SENSOR),), told_s=0.06),
     Row("force-saturated", stops=False, emergencies=((31, EmcyCode.SENSOR),)),
     Row("force-nan", stops=False, emergencies=((31, EmcyCode.SENSOR),)),
     Row(
@@ -125,13 +125,18 @@ ROWS = (
     Row("disk-full:file=events.log", stops=False),
 )
 EVERY_TIME = ("sliding-door", "hold-still")
-DEPENDS_ON_TASK = {
-    "force-guided": ("force-", "feedback-lost"),
-    "hinged-door": ("force-", "feedback-lost", "wheel-", "frame-corruption"),
-}
-FOLLOWS_FORCES = 30.0
-"""m/s²: a hand that follows a force sensor which says something else than the truth, or lets go of what it pulled at."""
-"""Faults after which another task than the sliding door may as well stop: what it leans on is gone."""
+LEANS_ON_FORCES = ("force-guided", "hinged-door")
+"""Tasks that end when no force is heard: half a second, then the planner's controlled stop."""
+FOUND_BY_ERROR = {"drive-stuck": 0.11, "wheel-blocked": 0.42}
+"""Kinds that show only once something is asked of the axis that it does not do, and how long (s) after that its drive says so:
+docs/faults.md, and a cycle or two."""
+
+
+def in_task(row: Row, name: str) -> Row:
+    """What follows in this task, where it is something else than in the others."""
+    if name in LEANS_ON_FORCES and row.kind.startswith("force-"):
+        return replace(row, stops=True, within_s=1.2)
+    return row
 
 
 def test_every_kind_is_in_the_matrix() -> None:
@@ -151,25 +156,57 @@ def cases() -> list[object]:
 
 @pytest.mark.parametrize(("name", "row"), cases())
 def test_a_fault_in_mid_motion(name: str, row: Row, tmp_path: Path) -> None:
-    begin_s = MOVING_FROM[name]
+    begin_s, row = MOVING_FROM[name], in_task(row, name)
     scenario = scenario_with(name, [row.at(begin_s)])
     record = watch(scenario, tmp_path, begin_s + row.run_s)
-    assert_limits_hold(record, row, begin_s, follows_forces=name in DEPENDS_ON_TASK)
-    led = (
-        name in EVERY_TIME or row.kind != "drive-stuck"
-    )  # where nothing leads the joint, nobody can know that it is stuck
-    if row.stops and led:
+    assert_limits_hold(record, row, begin_s)
+    shows_late = row.kind in FOUND_BY_ERROR and name not in EVERY_TIME
+    if shows_late:
+        assert_found_by_its_error(record, row, begin_s)
+    elif name == "hinged-door" and row.spec == "frame-corruption:checksum=invalid,probability=0.2":
+        assert_goes_on_or_gives_up(record)
+    elif row.stops:
         assert_everything_stands(record, begin_s + row.within_s)
-    elif not row.stops and not row.kind.startswith(DEPENDS_ON_TASK.get(name, ("none",))):
+    else:
         assert_the_task_goes_on(record, moving=name == "sliding-door")
-    for node, code in row.emergencies if name in EVERY_TIME else ():
+    for node, code in () if shows_late else row.emergencies:
         told = [t_s for t_s, found in record.emergencies(node, begin_s) if found == code]
         assert told, f"no EMCY {code:04X}h of node {node}"
         assert told[0] - begin_s < row.told_s
     assert_files_are_whole(record, row, begin_s)
 
 
-def assert_limits_hold(record: Record, row: Row, begin_s: float, *, follows_forces: bool) -> None:
+def assert_found_by_its_error(record: Record, row: Row, begin_s: float) -> None:
+    """Nothing is found, and nothing is asked of the axis that it does not do; or it is found in time, and everything stands."""
+    ((node, code),) = row.emergencies
+    axis = ALL_DRIVES.index(node)
+    dictionary = record.run.sim.drives[axis].node.dictionary
+    if row.kind == "drive-stuck":
+        error = np.abs(record.set_point[:, axis] - record.q[:, axis - 2])
+        allowed = 1e-6 * dictionary.integer(0x6065)
+        assert np.abs(record.dq[record.after(begin_s + 0.2), axis - 2]).max() < 1e-3  # or it is not stuck
+    else:
+        error = np.abs(record.set_velocity[:, axis] - record.wheels[:, axis])
+        allowed = 0.15e-6 * dictionary.integer(0x607F)
+    outside = np.flatnonzero((record.t > begin_s) & (error > allowed))
+    told = [t_s for t_s, found in record.emergencies(node, begin_s) if found == code]
+    if not len(outside):
+        assert not told
+        return
+    assert told, f"{error[outside].max():.3f} off, allowed is {allowed:.3f}, and no EMCY {code:04X}h of node {node}"
+    assert told[0] - record.t[outside[0]] < FOUND_BY_ERROR[row.kind]
+    assert_everything_stands(record, told[0] + 0.7)
+
+
+def assert_goes_on_or_gives_up(record: Record) -> None:
+    """A task that needs three frames of a kind at once may find too few of them; then it says so and everything stands."""
+    if record.run.planner.phase.name == "EXECUTING":
+        return
+    (said,) = record.said("the planner does not say where the hand is")
+    assert_everything_stands(record, said.t_ns * 1e-9 + 0.6)
+
+
+def assert_limits_hold(record: Record, row: Row, begin_s: float) -> None:
     arm = record.run.robot.arm
     beyond = np.maximum(arm.q_min - record.q, record.q - arm.q_max).max()
     assert beyond < 1e-3, f"{beyond:.4f} rad (m) beyond a position limit"
@@ -178,8 +215,7 @@ def assert_limits_hold(record: Record, row: Row, begin_s: float, *, follows_forc
     fastest = excess[~tolerated].max()
     assert fastest < 1.05, f"a joint at {fastest:.2f} of its velocity limit"
     hardest = record.tcp_deceleration().max()
-    bound = FOLLOWS_FORCES if follows_forces and row.kind.startswith("force-") else row.deceleration
-    assert hardest < bound, f"the hand at {hardest:.1f} m/s²"
+    assert hardest < row.deceleration, f"the hand at {hardest:.1f} m/s²"
 
 
 def assert_everything_stands(record: Record, after_s: float) -> None:

@@ -45,6 +45,10 @@ class Status(Enum):
         "no configuration inside the joint limits has the goal's pose: move the platform or choose another pose"
     )
 
+    COLLIDES = (
+        "the arm's links come too near to each other on the way: do not use it; plan over a configuration in between, or with less clearance"
+    )
+
     @property
     def usable(self) -> bool:
         return self in (Status.SOLVED, Status.ACCEPTABLE)
@@ -52,10 +56,10 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Of the objective `time · t_F + acceleration · Σ |q̈_k|² + singularity · Σ L(q_k)`.
+    """Of the objective `time · t_F + acceleration · Σ |q̈_k|² + singularity · Σ L(q_k) + collision · Σ C(q_k)`.
 
     The paper prints 1 for `time`; 556 comes close to its tables (fitted on their first column). `singularity` is its w_m = 10²,
-    `epsilon` its ε, `height` = exp η₁, `steepness` = η₂.
+    `epsilon` its ε, `height` = exp η₁, `steepness` = η₂. `collision`: what one pair of spheres costs that touch (`self_collision`).
     """
 
     time: float = 556.0
@@ -64,9 +68,10 @@ class Weights:
     epsilon: float = 1e-6
     height: float = 2400.0
     steepness: float = 400.0
+    collision: float = 5000.0
 
     def __post_init__(self) -> None:
-        for name in ("time", "acceleration", "epsilon", "height", "steepness"):
+        for name in ("time", "acceleration", "epsilon", "height", "steepness", "collision"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"weights.{name} is {value}, must be positive")
@@ -112,7 +117,8 @@ class TrajectoryProblem:
     """From the state (`q_start`, `dq_start`) of `robot`'s arm to a state (`q_goal`, `dq_goal`) or to rest at a TCP pose.
 
     All vectors (n,), `pose_goal` (4, 4) in the arm's base frame; exactly one of `q_goal` and `pose_goal`. Velocities that are not given
-    are zero, limits the robot's own. ValueError names the field that is wrong.
+    are zero, limits the robot's own. `clearance` (m): the links are kept off each other, softly below this distance; a motion on which they could
+    touch is not usable (`Status.COLLIDES`). None: they are not looked at. ValueError names the field that is wrong.
     """
 
     robot: str
@@ -125,6 +131,7 @@ class TrajectoryProblem:
     limits: TrajectoryLimits | None = None
     weights: Weights = field(default_factory=Weights)
     points: int = 30
+    clearance: float | None = None
 
     def __post_init__(self) -> None:
         limits = limits_of(self.robot) if self.limits is None else self.limits
@@ -136,6 +143,8 @@ class TrajectoryProblem:
             raise ValueError("give exactly one of q_goal and pose_goal")
         if self.points < FEWEST_POINTS:
             raise ValueError(f"points is {self.points}, must be at least {FEWEST_POINTS}")
+        if self.clearance is not None and not (math.isfinite(self.clearance) and self.clearance > 0.0):
+            raise ValueError(f"clearance is {self.clearance}, must be positive (m), or None for links that are not looked at")
         for name in ("q_start", "dq_start", "q_goal", "dq_goal"):
             value = getattr(self, name)
             if value is None and name.startswith("dq"):

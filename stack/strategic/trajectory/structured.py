@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from stack.messages import Matrix, Vector
-from stack.strategic.trajectory import interior
+from stack.strategic.trajectory import interior, node_cost
 from stack.strategic.trajectory.chain import chain_table
 from stack.strategic.trajectory.potentials import Potentials, no_potentials, potentials
 from stack.strategic.trajectory.problem import Objective, Status, Trajectory, TrajectoryLimits, TrajectoryProblem
+from stack.strategic.trajectory.self_collision import cover, no_cover, sphere_gaps
 from stack.strategic.trajectory.start import least_acceleration, moved
 
 KINDS = {
-    Objective.NONE: interior.PLAIN,
-    Objective.MANIPULABILITY: interior.AWAY,
-    Objective.POTENTIALS: interior.POTENTIAL,
-    Objective.LISTED_POTENTIALS: interior.POTENTIAL,
+    Objective.NONE: node_cost.PLAIN,
+    Objective.MANIPULABILITY: node_cost.AWAY,
+    Objective.POTENTIALS: node_cost.POTENTIAL,
+    Objective.LISTED_POTENTIALS: node_cost.POTENTIAL,
 }
 FIRST_BARRIER = 1e-3
 LAST_BARRIER = 1e-8
@@ -25,11 +27,20 @@ WARM_BARRIER = 1e-4
 MOST_ITERATIONS = 300
 WIDTH = 1e-6
 """How far (rad, m) positions between the nodes may pass a limit, and only that of a joint which starts or ends on it."""
+OTHER_STEPS = (0.6, 2.0)
+"""Factors on the first step of further starts: where the nodes jump across a manifold decides which local optimum is found."""
+WORTH = 0.01
+"""Share of the cubic's objective that the potentials have to make up before further starts are tried."""
+BETWEEN_NODES = 4
+"""Configurations per step that are looked at for links that touch."""
 Begin = tuple[Matrix, Matrix, Matrix, float]
 
 
 def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None) -> Trajectory:
-    """A local optimum of the transcription; `guess` begins where an earlier solution was. Pure."""
+    """A local optimum of the transcription; `guess` begins where an earlier solution was. Pure.
+
+    Where the straight way meets potentials and no guess helps, the best of three starts. ValueError for a guess of another shape.
+    """
     limits, goal = problem.limits, problem.q_goal
     assert isinstance(limits, TrajectoryLimits)
     assert isinstance(goal, np.ndarray)
@@ -37,6 +48,9 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
         return nothing(problem, Status.GOAL_OUTSIDE_LIMITS)
     if _cannot_stop(problem, limits):
         return nothing(problem, Status.START_CANNOT_STOP)
+    shape = (problem.points, goal.size)
+    if guess is not None and guess.q.shape != shape:
+        raise ValueError(f"guess.q has shape {guess.q.shape}, must have {shape}: (points, joints) of the problem")
     best: Trajectory | None = None
     for begin, barrier in _starts(problem, limits, goal, guess):
         found = _run(problem, limits, begin, barrier)
@@ -45,7 +59,35 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
         if best.status is Status.SOLVED:
             break
     assert best is not None
-    return best
+    if guess is None and _meets_potentials(problem, goal):
+        for factor in OTHER_STEPS:
+            found = _run(problem, limits, _cubic(problem, goal, factor), FIRST_BARRIER)
+            best = found if _rank(found) < _rank(best) else best
+    return _apart(problem, best)
+
+
+def _meets_potentials(problem: TrajectoryProblem, goal: Vector) -> bool:
+    """Whether they make up more than `WORTH` of the first cubic's objective."""
+    if KINDS[problem.objective] != node_cost.POTENTIAL:
+        return False
+    q, _, a, h = _cubic(problem, goal, 1.0)
+    weights = problem.weights
+    rest: Any = arguments(replace(problem, clearance=None))
+    plain, whole = (
+        node_cost.objective(kind, q, a, h, 1.0, weights.acceleration / weights.time, *rest)
+        for kind in (node_cost.PLAIN, node_cost.POTENTIAL)
+    )
+    return bool(whole - plain > WORTH * plain)
+
+
+def _apart(problem: TrajectoryProblem, found: Trajectory) -> Trajectory:
+    """`found`, with a status that says so where its links could touch."""
+    if problem.clearance is None or not found.status.usable:
+        return found
+    links, table = cover(problem.robot), chain_table(problem.robot)
+    times = np.linspace(0.0, found.duration_s, BETWEEN_NODES * (len(found.q) - 1) + 1)
+    touches = any(sphere_gaps(table, found.at(t)[0], links.spheres, links.pairs).min() < 0.0 for t in times)
+    return replace(found, status=Status.COLLIDES) if touches else found
 
 
 def _cannot_stop(problem: TrajectoryProblem, limits: TrajectoryLimits) -> bool:
@@ -66,15 +108,20 @@ def _starts(
 ) -> list[tuple[Begin, float]]:
     start, dq_start, dq_goal = np.asarray(problem.q_start), np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
     starts: list[tuple[Begin, float]] = []
-    if guess is not None and len(guess.q) == problem.points:
+    if guess is not None:
         q, w, a = moved(guess, start, dq_start, goal, dq_goal)
         h = max(float(guess.step_s * (problem.points - 1 - _nearest(guess, start)) / (problem.points - 1)), 1e-3)
         starts.append(((*_again(q, w, a, h, start, dq_start, goal, dq_goal), h), WARM_BARRIER))
-    h = first_step(problem)
-    for longer in (1.0, 2.0, 4.0):
-        q, w, a = least_acceleration(start, longer * h * dq_start, goal, longer * h * dq_goal, problem.points)
-        starts.append(((q, w, a, longer * h), FIRST_BARRIER))
+    starts += [(_cubic(problem, goal, longer), FIRST_BARRIER) for longer in (1.0, 2.0, 4.0)]
     return starts
+
+
+def _cubic(problem: TrajectoryProblem, goal: Vector, longer: float) -> Begin:
+    """The motion of least acceleration in `longer` times the first step."""
+    h = longer * first_step(problem)
+    dq_start, dq_goal = np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
+    q, w, a = least_acceleration(np.asarray(problem.q_start), h * dq_start, goal, h * dq_goal, problem.points)
+    return q, w, a, h
 
 
 def first_step(problem: TrajectoryProblem) -> float:
@@ -111,11 +158,14 @@ def _table(problem: TrajectoryProblem) -> Potentials:
 
 
 def arguments(problem: TrajectoryProblem) -> tuple[Any, ...]:
-    """What the kernels want: chain, potentials, shape; the objective in units of `weights.time`."""
+    """What the kernels want: chain, potentials, shape, spheres; the objective in units of `weights.time`."""
     table, weights = _table(problem), problem.weights
-    shape = np.array([weights.singularity / weights.time, weights.epsilon, weights.height, weights.steepness])
+    links = no_cover() if problem.clearance is None else cover(problem.robot)
+    singular = [weights.singularity / weights.time, weights.epsilon, weights.height, weights.steepness]
+    shape = np.array([*singular, problem.clearance or 1.0, weights.collision / weights.time])
     return (
         chain_table(problem.robot), table.frequencies, table.cosines, table.sines, table.conditions, table.sets, shape,
+        links.spheres, links.pairs,
     )  # fmt: skip
 
 
@@ -138,7 +188,7 @@ def _run(problem: TrajectoryProblem, limits: TrajectoryLimits, begin: Begin, bar
     )  # fmt: skip
     h, value = float(numbers[interior.H]), float(numbers[interior.VALUE])
     for end in (q[0], q[-1]):
-        value += interior.node_value(kind, np.ascontiguousarray(end), *rest)
+        value += node_cost.node_value(kind, np.ascontiguousarray(end), *rest)
     stationarity = float(numbers[interior.DECREMENT]) / (1.0 + abs(value))
     infeasibility, barrier_end = float(numbers[interior.RESIDUAL]), float(numbers[interior.BARRIER])
     status = Status.STALLED

@@ -256,3 +256,30 @@ def test_frames_that_are_no_sdo_are_ignored() -> None:
     server.answer("80 18 10 02 00 00 02 06")  # abort of another object
     assert server.results == []
     assert server.client.ignored == 3
+
+
+def test_the_late_answer_to_a_write_is_not_taken_for_that_to_the_reading_back() -> None:
+    """Written twice because the first answer was late: its second answer comes when the object is read already."""
+    server = Server()
+    server.client.download(0x2100, 0, bytes.fromhex("b8 0b"), server.results.append)
+    server.client.upload(0x2100, 0, server.results.append)
+    server.run(100)
+    assert server.sent == ["2b 00 21 00 b8 0b 00 00", "80 00 21 00 00 00 04 05", "2b 00 21 00 b8 0b 00 00"]
+    server.answer("60 00 21 00 00 00 00 00")
+    assert server.sent[-1] == "40 00 21 00 00 00 00 00"
+    server.answer("60 00 21 00 00 00 00 00")
+    assert server.client.ignored == 1
+    server.answer("4b 00 21 00 b8 0b 00 00")
+    assert server.results == [b"", bytes.fromhex("b8 0b")]
+
+
+def test_the_late_answer_to_a_read_is_not_taken_for_that_to_the_write() -> None:
+    server = Server()
+    server.client.upload(0x2100, 0, server.results.append)
+    server.client.download(0x2100, 0, bytes.fromhex("b8 0b"), server.results.append)
+    server.run(100)
+    server.answer("4b 00 21 00 00 00 00 00")
+    server.answer("4b 00 21 00 00 00 00 00")
+    assert server.client.ignored == 1
+    server.answer("60 00 21 00 00 00 00 00")
+    assert server.results == [bytes(2), b""]

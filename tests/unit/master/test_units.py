@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+import struct
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from drivers.catalogue import devices
+from drivers.cia402.axis import AxisClient
+from drivers.cia402.cyclic import CyclicData
 from drivers.cia402.drive_units import NO_LIMIT, DriveUnits, in_drive_units, units_of_table
 from drivers.cia402.units import Scale, UnitError, converted, interpolation_period, unit_scale
+from drivers.clock import LockstepClock
 
 TABLE = devices()
 
@@ -123,6 +128,40 @@ def test_a_limit_is_never_looser_in_the_units_of_a_drive(
         assert abs(exact(number, drive) / exact(value, table) - 1) <= Fraction(1, 10)
     else:
         assert number <= value, "nor more than so much of what the motor bears"
+
+
+@given(scales, scales, scales, st.floats(-2.9, 2.9), st.floats(-40.0, 40.0))
+def test_set_points_and_feedback_are_within_half_a_unit(
+    position: Scale, velocity: Scale, effort: Scale, target: float, torque: float
+) -> None:
+    sent: list[bytes] = []
+    axis = AxisClient(TABLE[25], timeout_ns=1)
+
+    def send(_: int, data: bytes) -> bool:
+        sent.append(data)
+        return True
+
+    clock = LockstepClock()
+    cyclic = CyclicData((axis,), clock, send, 10_000_000, lambda *_: None)
+    try:
+        axis.set_units(DriveUnits(position, velocity, velocity, effort))
+    except UnitError:
+        return
+    cyclic.rescale()
+    axis.follows_planner = True
+    cyclic.send_targets(np.array([target]), np.array([torque]))
+    _, wire_target, wire_torque = struct.unpack("<Hih", sent[-1])
+    a_bit = Fraction(1, 10**12)
+    assert abs(exact(wire_target, position) - Fraction(target)) <= exact(1, position) / 2 + a_bit
+    if abs(Fraction(torque)) < exact(32_000, effort):
+        assert abs(exact(wire_torque, effort) - Fraction(torque)) <= exact(1, effort) / 2 + a_bit
+    axis.take_feedback(struct.pack("<Hih", 0x1637, wire_target, wire_torque), clock.now_ns())
+    axis.take_velocity(struct.pack("<ib", 12_345, 8), clock.now_ns())
+    feedback = axis.feedback(clock.now_ns())
+    assert feedback is not None
+    assert feedback.position == pytest.approx(float(exact(wire_target, position)), rel=1e-12)
+    assert feedback.effort == pytest.approx(float(exact(wire_torque, effort)), rel=1e-12)
+    assert axis.velocity(clock.now_ns(), 1) == pytest.approx(float(exact(12_345, velocity)), rel=1e-12)
 
 
 @given(st.sampled_from(LIMITS), scales)

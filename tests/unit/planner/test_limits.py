@@ -136,6 +136,13 @@ def test_a_joint_that_comes_back_faster_than_it_must_is_left_alone() -> None:
     assert not any(active)
 
 
+def test_a_joint_that_came_back_fast_enough_is_caught_when_the_others_slow_it() -> None:
+    """Joint 1 stops at its limit; the third of its motion that joint 0 would take over must not make it too slow."""
+    dq, active, damped = hold((1, 1, 0), (0, 0, 1), floor=(-0.2, 0, 0), unconstrained=(-0.3, 1.0, 0.3))
+    np.testing.assert_allclose(dq, [-0.2, 0.0, 1.2], atol=1e-9)
+    assert (active, damped) == ([True, True, False], False)
+
+
 def test_hard_rows_come_first_and_limits_hold_beside_them() -> None:
     row, value = np.array([[1.0, 0.0, 0.0]]), np.array([0.2])
     dq, active, damped = hold((0, 0, 0), (1, 1, 1), rows=row, values=value)
@@ -313,6 +320,10 @@ def test_acceleration_is_limited_along_the_straight_line() -> None:
         ([0.4, 0.0], [0.1, 0.0], 0.5, True),
         ([0.0, 0.0], [0.05, -0.1], 1.0, True),
         ([0.0, 0.0], [0.0, 0.0], 1.0, True),
+        ([1.0, 1.0], [0.9, 1.1], 1.0, True),  # one share and no other
+        ([2.0, 0.5], [1.9, 0.45], 1.0, True),
+        ([-2.0, -0.5], [-1.9, -0.45], 1.0, True),
+        ([-2.0, -0.5], [-1.9, -0.3], 0.88, False),
         ([1.0, 1.0], [0.9, 0.75], 0.85, True),
         ([-1.0, -1.0], [-0.9, -0.75], 0.85, True),
         ([1.0, 0.0], [0.5, 0.3], None, False),  # … may not: no share helps

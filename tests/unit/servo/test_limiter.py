@@ -56,6 +56,16 @@ def test_acceleration_is_limited_and_says_so_beyond_rounding(
     assert flags == flag
 
 
+@pytest.mark.parametrize(("excess", "flag"), [(5e-8, 0), (3e-7, LIMITED_ACCELERATION)])
+def test_what_counts_as_rounding_grows_with_the_acceleration(excess: float, flag: int) -> None:
+    wanted = 1e5 * DT + excess
+    assert limit_velocity(wanted, 0.0, 0.0, -FAR, FAR, 1e3, 1e5, DT) == (1e5 * DT, flag)
+
+
+def test_next_to_no_distance_is_one_tick_and_not_two() -> None:
+    assert braking_velocity(1e-25, ACCELERATION, DT) == pytest.approx(1e-22)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("distance", [5e-6, 0.02])
 @pytest.mark.parametrize(("excess", "flag"), [(0.0, 0), (BELOW, 0), (ABOVE, LIMITED_POSITION)])
