@@ -1,6 +1,7 @@
 """What carries frames out of the process and in: python-can for every interface it knows, and a short way for SocketCAN.
 
-Both are opened by python-can. On a SocketCAN socket its `recv` and `send` cost four system calls where one will do.
+Both are opened by python-can. On a SocketCAN socket its `recv` costs three system calls a frame, where all that has arrived
+can be had by one (recvmmsg).
 """
 
 from __future__ import annotations
@@ -10,19 +11,19 @@ import errno
 import logging
 import select
 import socket
-import struct
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import can
+
+from drivers.bus.socket_frames import FrameReader, pack
 
 GIVES_BACK = frozenset({"socketcan", "virtual"})
 """Interfaces whose `receive_own_messages` was tried and found to keep the order of the wire."""
 SERVED, HOST = "served", "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 4 << 20
 NS_PER_S = 1_000_000_000
-_FRAME = struct.Struct("=IB3x8s")
-_STAMP = struct.Struct("@qq")
-_ANCILLARY_BYTES = socket.CMSG_SPACE(_STAMP.size)
+_SO_RCVBUFFORCE = 33
+"""Not in Python's module: beyond the system's limit, for those with CAP_NET_ADMIN."""
 _ERROR_FRAME = 0x2000_0000
 _NOT_OURS = 0xC000_0000
 """Extended and remote frames."""
@@ -32,13 +33,12 @@ class BusError(OSError):
     """A bus that cannot be opened, or that has gone away; the message is one line for the person who named it."""
 
 
-class Arrival:
+class Arrival(NamedTuple):
     """A data frame as it came in; `stamp_ns` in the interface's own clock. `can_id` -1: an error frame."""
 
-    __slots__ = ("can_id", "data", "stamp_ns")
-
-    def __init__(self, can_id: int, data: bytes, stamp_ns: int) -> None:
-        self.can_id, self.data, self.stamp_ns = can_id, data, stamp_ns
+    stamp_ns: int
+    can_id: int
+    data: bytes
 
 
 class Carrier(Protocol):
@@ -49,11 +49,11 @@ class Carrier(Protocol):
     def send(self, can_id: int, data: bytes) -> bool:
         """False when the interface does not take the frame."""
 
-    def receive(self) -> Arrival | None:
-        """What is there, None when nothing is. Raises OSError or can.CanError when the bus has gone away."""
+    def receive(self) -> list[Arrival]:
+        """All that is there, in the order of the wire. Raises OSError or can.CanError when the bus has gone away."""
 
-    def wait(self, timeout_s: float) -> Arrival | None:
-        """Waits for something to receive; may return it at once, or None for the caller to look himself."""
+    def wait(self, timeout_s: float) -> list[Arrival]:
+        """Waits for something to receive; may return it at once, or nothing for the caller to look himself."""
 
     def close(self) -> None: ...
 
@@ -72,18 +72,19 @@ class PythonCanCarrier:
             return False
         return True
 
-    def receive(self) -> Arrival | None:
+    def receive(self) -> list[Arrival]:
         return self.wait(0.0)
 
-    def wait(self, timeout_s: float) -> Arrival | None:
+    def wait(self, timeout_s: float) -> list[Arrival]:
+        arrivals: list[Arrival] = []
         while (message := self._bus.recv(timeout_s)) is not None:
             stamp_ns = round(message.timestamp * NS_PER_S)
             if message.is_error_frame:
-                return Arrival(-1, b"", stamp_ns)
-            if not (message.is_extended_id or message.is_remote_frame or message.is_fd):
-                return Arrival(message.arbitration_id, bytes(message.data), stamp_ns)
+                arrivals.append(Arrival(stamp_ns, -1, b""))
+            elif not (message.is_extended_id or message.is_remote_frame or message.is_fd):
+                arrivals.append(Arrival(stamp_ns, message.arbitration_id, bytes(message.data)))
             timeout_s = 0.0
-        return None
+        return arrivals
 
     def close(self) -> None:
         self._bus.shutdown()
@@ -98,33 +99,28 @@ class SocketCarrier:
         self._bus = bus
         self._socket = carrier
         carrier.setblocking(False)
-        with contextlib.suppress(OSError):  # as far as the system allows: what does not fit in is lost
-            carrier.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):  # as far as the system allows: what does not fit in is lost
+            with contextlib.suppress(OSError):
+                carrier.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
+        self._reader = FrameReader(carrier.fileno())
 
     def send(self, can_id: int, data: bytes) -> bool:
         try:
-            self._socket.send(_FRAME.pack(can_id, len(data), data))
+            self._socket.send(pack(can_id, data))
         except OSError:
             return False
         return True
 
-    def receive(self) -> Arrival | None:
-        while True:
-            try:
-                frame, ancillary, _, _ = self._socket.recvmsg(_FRAME.size, _ANCILLARY_BYTES)
-            except BlockingIOError:
-                return None
-            can_id, length, data = _FRAME.unpack(frame)
-            seconds, nanoseconds = _STAMP.unpack_from(ancillary[0][2])
-            stamp_ns = seconds * NS_PER_S + nanoseconds
-            if can_id & _ERROR_FRAME:
-                return Arrival(-1, b"", stamp_ns)
-            if not can_id & _NOT_OURS:
-                return Arrival(can_id, data[:length], stamp_ns)
+    def receive(self) -> list[Arrival]:
+        return [
+            Arrival(stamp_ns, -1 if can_id & _ERROR_FRAME else can_id, data)
+            for stamp_ns, can_id, data in self._reader.read()
+            if not can_id & _NOT_OURS
+        ]
 
-    def wait(self, timeout_s: float) -> Arrival | None:
+    def wait(self, timeout_s: float) -> list[Arrival]:
         select.select([self._socket], [], [], timeout_s)
-        return None
+        return []
 
     def close(self) -> None:
         self._bus.shutdown()

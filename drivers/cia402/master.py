@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from drivers.canopen.nmt import ERROR_CONTROL_BASE
 from drivers.canopen.pacer import Pacer
-from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
+from drivers.canopen.sdo_client import SdoClient
 from drivers.canopen.sequence import Run, Sequence, SequenceFailure, Sequencer
 from drivers.cia402 import power
 from drivers.cia402.axis import AxisClient, data_types
 from drivers.cia402.bring_up import BringUp, MasterTimes
 from drivers.cia402.configuration import DriveSettings
 from drivers.cia402.cyclic import CyclicData
+from drivers.cia402.hearing import Hearing
 from drivers.cia402.master_supervision import SUPERVISED, MasterSupervision, emergency_text
 from drivers.cia402.phases import AxisPhase, DriveEvent, EventKind, MasterPhase, phase_of
 from drivers.clock import Clock
@@ -30,7 +30,6 @@ from drivers.gate import Reason
 from drivers.objects import DeviceDef
 from stack.messages import DriveFeedback, Vector
 
-EMCY_BASE = 0x080
 EVENT_LOG_LENGTH = 1000
 STALE_SYNCS = 3
 """SYNCs without an answer after which what an axis said last is not passed on any more."""
@@ -87,16 +86,16 @@ class DriveMaster:
             stale_heartbeat_ns=self.settings.heartbeat_ms * 500_000,
             late_syncs=self.times.late_syncs,
         )
-        self._handlers: dict[int, Callable[[Frame], None]] = {}
         self._bring_up = BringUp(self.settings, self.times, clock, send, self._report)
         self._cyclic = CyclicData(self.axes, clock, send, self.settings.sync_period_ns, self._on_refusal)
+        self._hearing = Hearing(clock, self._sequencer, self._supervision, self._cyclic, self._report)
         for lead in self._leads.values():
-            self._listen(lead)
+            self._hearing.listen(lead.axis, lead.client)
 
     @property
     def can_ids(self) -> frozenset[int]:
         """Identifiers that `on_frame` wants to see; others are ignored."""
-        return frozenset(self._handlers)
+        return self._hearing.can_ids
 
     @property
     def phase(self) -> MasterPhase:
@@ -161,9 +160,7 @@ class DriveMaster:
 
     def on_frame(self, frame: Frame) -> None:
         """Every frame that the node receives, or those of `can_ids`."""
-        handler = self._handlers.get(frame.can_id)
-        if handler is not None:
-            handler(frame)
+        self._hearing.on_frame(frame)
 
     def on_sync(self) -> None:
         """A SYNC was sent just now."""
@@ -206,48 +203,6 @@ class DriveMaster:
 
     def _client(self, axis: AxisClient) -> SdoClient:
         return SdoClient(axis.node_id, self._pacer.send, self._clock, self.times.sdo_ns, self.times.sdo_attempts)
-
-    def _listen(self, lead: _Lead) -> None:
-        axis, node = lead.axis, lead.axis.node_id
-        self._handlers[axis.feedback_id] = partial(self._on_feedback, axis)
-        if axis.velocity_id is not None:
-            self._handlers[axis.velocity_id] = partial(self._on_velocity, axis)
-        self._handlers[EMCY_BASE + node] = partial(self._supervision.on_emergency, axis)
-        self._handlers[RESPONSE_BASE + node] = partial(self._on_sdo, lead)
-        self._handlers[ERROR_CONTROL_BASE + node] = partial(self._on_heartbeat, axis)
-
-    def _on_feedback(self, axis: AxisClient, frame: Frame) -> None:
-        if len(frame.data) != 8:
-            self._malformed(axis, frame, 8)
-            return
-        axis.take_feedback(frame.data, self._clock.now_ns())
-        if axis.phase in SUPERVISED:
-            self._supervision.check_status(axis)
-        self._sequencer.poll()
-        if axis.started and not axis.follows_planner:
-            self._cyclic.send_command(axis)
-
-    def _on_velocity(self, axis: AxisClient, frame: Frame) -> None:
-        if len(frame.data) == 5:
-            axis.take_velocity(frame.data, self._clock.now_ns())
-        else:
-            self._malformed(axis, frame, 5)
-
-    def _on_sdo(self, lead: _Lead, frame: Frame) -> None:
-        if lead.client.idle:  # the answer to a question whether anybody is there
-            lead.axis.heard = True
-            self._sequencer.poll()
-        lead.client.on_frame(frame)
-
-    def _on_heartbeat(self, axis: AxisClient, frame: Frame) -> None:
-        self._supervision.on_heartbeat(axis, frame)
-        self._sequencer.poll()
-
-    def _malformed(self, axis: AxisClient, frame: Frame, length: int) -> None:
-        if axis.started and axis.phase in SUPERVISED:
-            axis.needs_configuration = True
-            text = f"frame {frame.can_id:03X}h with {len(frame.data)} bytes, must be {length}: its mapping was changed"
-            self._report(axis, EventKind.FEEDBACK_MALFORMED, text)
 
     def _stays(self, axis: AxisClient) -> bool:
         """Whether quick stop ends under torque; 605Ah is 2 (switches off) where a drive does not have it."""

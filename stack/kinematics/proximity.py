@@ -56,8 +56,8 @@ class Proximity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyShape:
-    """A link's collision shape with the arm at zero: `kind` box, cylinder or sphere, `size` (edges; radius, length; radius; m), `pose` (4, 4)
-    seen from the arm's base, `joint`: how many joints carry it."""
+    """A link's collision shape with the arm at zero: `kind` box, cylinder or sphere, `size` (edges; radius, length; radius; m),
+    `pose` (4, 4) seen from the arm's base, `joint`: how many joints carry it."""
 
     kind: str
     size: tuple[float, ...]

@@ -228,7 +228,7 @@ class Coordinator:
             whole = self._by_name(parameters, extended, twist, weights, z, bounds, q, table, avoiding)
         wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
         if avoiding is not None and must_brake(
-            avoiding.near, whole.dq[:n], whole.dq[n:], parameters.clearance, _PLATFORM_DELAY_S
+            avoiding.near, whole.dq[:n], whole.dq[n:], parameters.clearance, PLATFORM_DELAY_S
         ):
             wanted = PlatformRate(0.0, 0.0)
         unified = parameters.coordination is Coordination.UNIFIED
@@ -379,7 +379,7 @@ def _of_circumvention(around: tuple[str, ...]) -> Restriction:
 
 _COLLISION_ROWS = 2
 _BRAKING_CYCLES = 2.0
-_PLATFORM_DELAY_S = 0.15
+PLATFORM_DELAY_S = 0.15
 """Platform cycle, dead time and lag of the wheels together."""
 _NO_RATE = np.zeros(2)
 _STOPPED_SHORT = Restriction.COLLISION | Restriction.DEGRADED

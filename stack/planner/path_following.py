@@ -14,8 +14,8 @@ import numpy as np
 from stack.kinematics.arm import ArmState, turned_rows
 from stack.kinematics.platform import path_column, platform_columns
 from stack.messages import Matrix, Restriction, Vector
-from stack.planner.clearance import Standing
-from stack.planner.coordination import ArmCommand, Coordinator, PlatformCommand, accelerated
+from stack.planner.clearance import Standing, must_brake
+from stack.planner.coordination import PLATFORM_DELAY_S, ArmCommand, Coordinator, PlatformCommand, accelerated
 from stack.planner.odometry import PlatformPose, PlatformRate, WheelModel
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
 from stack.planner.platform_path import PathPoint, PlatformPath, RelativePath
@@ -136,6 +136,7 @@ class PathCoordinator(Coordinator):
     ) -> ArmCommand:
         """`[q̇; ṡ]` (n + 1,) for the TCP `twist` (6,) by whatever method, ṡ within `bounds` (m/s).
 
+        ṡ is 0 where the platform would not stop in time before something is touched.
         The criterion is that of `[q̇; v; ω]` with v = ṡ and ω = κ ṡ put in: weight w_v + κ² w_ω, wish (w_v z_v + κ w_ω z_ω) over it.
         """
         n, wish = self.n, parameters.preferences
@@ -153,10 +154,15 @@ class PathCoordinator(Coordinator):
         if avoiding is not None and avoiding.zones.platform is not None:
             by_s = avoiding.zones.platform @ np.array([[1.0], [curvature]])
             avoiding = replace(avoiding, zones=replace(avoiding.zones, platform=by_s))
-        return self._by_name(
+        whole = self._by_name(
             parameters, jacobian, twist, np.append(wish.weights[:n], weight), z, (table[5], table[6]),
             np.append(model.q, 0.0), table, avoiding,
         )  # fmt: skip
+        if avoiding is not None:
+            rate = whole.dq[n] * np.array([1.0, curvature])
+            if must_brake(avoiding.near, whole.dq[:n], rate, parameters.clearance, PLATFORM_DELAY_S):
+                return replace(whole, dq=np.append(whole.dq[:n], 0.0))
+        return whole
 
 
 def top_speed(path: PlatformPath, limits: Limits) -> float:

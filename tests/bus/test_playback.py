@@ -37,9 +37,11 @@ def recorded() -> tuple[list[Frame], list[Frame]]:
     return [frame._replace(t_ns=frame.t_ns // US * US) for frame in log], echo.heard
 
 
-def play(frames: list[Frame], node: Echo, own: frozenset[int] = frozenset({OWN})) -> list[Pair]:
+def play(
+    frames: list[Frame], node: Echo, own: frozenset[int] = frozenset({OWN}), as_sent: list[Frame] | None = None
+) -> list[Pair]:
     clock, pairs = LockstepClock(), []
-    bus = PlaybackBus(clock, frames, own, pairs.append)
+    bus = PlaybackBus(clock, frames, own, pairs.append, as_sent=as_sent or [])
     node.attach(bus)
     bus.start()
     while not bus.ended:
@@ -94,3 +96,39 @@ def test_the_queue_is_as_full_as_it_was() -> None:
     bus.start()
     clock.run_until(6000 * US)
     assert port.send(OWN, b"\x01")
+
+
+def test_a_frame_that_a_fault_took_from_the_log_is_compared_as_it_was_sent() -> None:
+    frames, heard = recorded()
+    (gone,) = [frame for frame in frames if frame.can_id == OWN][4:5]
+    left = [frame for frame in frames if frame is not gone]
+    node = Echo()
+    pairs = play(left, node, as_sent=[gone])
+    assert node.heard == heard
+    assert len(pairs) == 10
+    assert all(pair.same for pair in pairs)
+
+
+def test_a_frame_that_nobody_got_is_not_heard() -> None:
+    frames, heard = recorded()
+    asked = [frame for frame in frames if frame.can_id == OTHER][4]
+    answer = [frame for frame in frames if frame.can_id == OWN][4]
+    node = Echo()
+    pairs = play([frame for frame in frames if frame not in (asked, answer)], node, as_sent=[asked])
+    assert node.heard == heard[:4] + heard[5:]
+    assert len(pairs) == 9
+    assert all(pair.same for pair in pairs)
+
+
+def test_a_frame_that_came_with_other_bytes_is_heard_so_and_compared_as_it_was_sent() -> None:
+    frames, heard = recorded()
+    sent = [frame for frame in frames if frame.can_id == OWN][4]
+    asked = [frame for frame in frames if frame.can_id == OTHER][4]
+    changed = [frame._replace(data=b"\x77") if frame in (sent, asked) else frame for frame in frames]
+    node = Echo()
+    pairs = play(changed, node, as_sent=[asked, sent])
+    assert node.heard[4].data == b"\x77"
+    assert [frame.data for frame in node.heard[5:]] == [frame.data for frame in heard[5:]]
+    assert [pair.same for pair in pairs] == [True] * 4 + [False] + [
+        True
+    ] * 5  # the answer to what it heard, not to what was sent

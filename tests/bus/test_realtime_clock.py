@@ -16,16 +16,24 @@ class Wire:
     def __init__(self, arrivals=()) -> None:
         self.present_ns = 0
         self.arrivals = deque(sorted(arrivals))
+        self.taken: deque[int] = deque()
+        self.asked = 0
         self.heard: list[tuple[str, int]] = []
 
     def now_ns(self) -> int:
         return self.present_ns
 
     def first_ns(self) -> int | None:
-        return self.arrivals[0] if self.arrivals and self.arrivals[0] <= self.present_ns else None
+        self.asked += 1
+        while self.arrivals and self.arrivals[0] <= self.present_ns:
+            self.taken.append(self.arrivals.popleft())
+        return self.waiting_ns()
+
+    def waiting_ns(self) -> int | None:
+        return self.taken[0] if self.taken else None
 
     def hand_out(self, t_ns: int) -> None:
-        self.arrivals.popleft()
+        self.taken.popleft()
         self.heard.append(("frame", t_ns))
 
     def wait(self, timeout_ns: int) -> None:
@@ -124,3 +132,28 @@ def test_a_cancelled_call_is_not_made_and_the_past_is_due_at_once():
     clock.call_at(1, lambda: seen.append("past"))
     clock.run_until(3000)
     assert seen == ["past"]
+
+
+def test_with_a_grain_nobody_is_woken_up_in_between_but_by_a_frame_and_every_timer_has_its_time():
+    wire = Wire([1_234])
+    clock = RealTimeClock(wire.now_ns, wire, grain_ns=1_000)
+    called: list[tuple[int, int]] = []
+    for due_ns in range(100, 3_000, 100):
+        clock.call_at(due_ns, lambda: called.append((clock.now_ns(), wire.present_ns)))
+    clock.run_until(5_000)
+    assert [due_ns for due_ns, _ in called] == list(range(100, 3_000, 100))
+    assert sorted({present_ns for _, present_ns in called}) == [1_000, 1_234, 2_000, 3_000]
+    assert [due_ns for due_ns, present_ns in called if present_ns == 1_234] == [1_100, 1_200]
+    assert clock.max_lateness_ns == 0, "late is what is later than the grain"
+
+
+def test_what_has_piled_up_is_gone_through_without_asking_the_system_again():
+    wire = Wire(range(1_000, 2_000, 10))
+    clock = RealTimeClock(wire.now_ns, wire)
+    clock.call_at(100, lambda: wire.work(5_000))
+    for due_ns in range(1_000, 2_000, 7):
+        clock.call_at(due_ns, lambda due_ns=due_ns: wire.heard.append(("timer", due_ns)))
+    clock.run_until(4_000)
+    assert [t_ns for _, t_ns in wire.heard] == sorted(t_ns for _, t_ns in wire.heard)
+    assert len(wire.heard) == 100 + 143
+    assert wire.asked < 6

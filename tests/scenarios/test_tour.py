@@ -1,4 +1,4 @@
-"""Two cups from table to table to table: on the way, without a stop, and why it takes a platform that comes along."""
+"""Two cups from table to table to table: on the way, without a stop."""
 
 import pytest
 
@@ -16,10 +16,3 @@ def test_the_cups_stand_where_they_belong_and_the_platform_never_stopped(runner:
     assert tour.metrics["platform_distance_forward_m"] > 1.3
     # over a table the path waits for the damper, and the planner's patience is 10 mm
     assert tour.metrics["tcp_error_max_m"] < 0.01
-
-
-def test_with_the_arm_alone_it_fails(runner: Runner) -> None:
-    """The second table is out of reach: the expectation of the platform's way cannot hold."""
-    outcome = runner("pick-and-place-tour", 'planner.coordination="arm-only"', duration_s=16.0)
-    assert outcome.metrics["platform_distance_forward_m"] < 0.1
-    assert outcome.metrics["object_goal_error_max_m"] > 0.1

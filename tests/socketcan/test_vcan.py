@@ -1,9 +1,10 @@
 """On a kernel that has CAN: three processes on vcan0, candump beside them, `cansend` against them. Real sockets, real time.
 
-A user-mode kernel has one processor, and its system calls take very long (65 µs measured for the shortest): the roles run at a
-tenth of real time here, all of them alike, and the door line is cut short.
+A user-mode kernel has one processor, and its system calls take long (17 µs measured for the shortest, 0.1 outside): the whole
+`sliding-door` runs at half of real time here, all roles alike.
 """
 
+import itertools
 import json
 import re
 import subprocess
@@ -15,7 +16,12 @@ import pytest
 from tests.socketcan.attached import FILLER, MASS, PLAYED
 
 HERE = Path(__file__).parent
-PACE = "0.1"
+PACE = "0.5"
+CYCLE_S = 0.01
+LOCKSTEP_RATIO = 2.0
+"""What real time may make of the TCP error of a lockstep run."""
+DISTURBED_CYCLES = 4
+"""SYNCs that may be missed while the mission begins: what the planner calls for the first time is loaded then."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.socketcan, pytest.mark.xdist_group("vcan")]
 
@@ -29,10 +35,10 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What session.py leaves behind."""
     for attempt in range(ATTEMPTS):
         out = tmp_path_factory.mktemp("vcan")
-        command = [HERE / "with-vcan", "-m", "3G", "-t", "600", sys.executable, HERE / "session.py", out, PACE]
-        answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=650, check=False)
+        command = [HERE / "with-vcan", "-m", "3G", "-t", "300", sys.executable, HERE / "session.py", out, PACE]
+        answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=330, check=False)
         texts = "\n".join(f"--- {path.name}\n{path.read_text()[-2000:]}" for path in sorted(out.glob("*/*.txt")))
-        if answer.returncode == 0 and set(codes(out, "mission").values()) == {0}:
+        if answer.returncode == 0 and set(codes(out, "mission").values()) == {0} and not missed_at_work(out):
             break
         print(f"attempt {attempt + 1} was disturbed:\n{texts}")
     assert answer.returncode == 0, f"{answer.stdout[-2000:]}\n{answer.stderr[-2000:]}\n{texts}"
@@ -42,6 +48,15 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def codes(session: Path, name: str) -> dict[str, int]:
     found: dict[str, int] = json.loads((session / "codes.json").read_text())[name]
     return found
+
+
+def missed_at_work(session: Path) -> list[float]:
+    """Times (s, of the run) of SYNCs that came a cycle late or more while the hand was led."""
+    log = (session / "mission" / "sim" / "bus.log").read_text()
+    led = re.findall(r"^\((\d+\.\d+)\) \S+ 481#0402", log, re.MULTILINE)
+    syncs = [float(t) for t in re.findall(r"^\((\d+\.\d+)\) \S+ 080#", log, re.MULTILINE)]
+    syncs = [t for t in syncs if float(led[0]) <= t <= float(led[-1])]
+    return [after for before, after in itertools.pairwise(syncs) if after - before > 1.5 * CYCLE_S]
 
 
 def frames_of(path: Path, identifier: str = "[0-9A-F]{3}") -> list[str]:
@@ -54,8 +69,25 @@ def test_the_mission_in_three_processes_meets_its_expectations(session: Path) ->
     metrics = json.loads((session / "mission" / "sim" / "metrics.json").read_text())
     assert metrics["expectations"]
     assert all(verdict["ok"] for verdict in metrics["expectations"])
-    assert metrics["tcp_travel_m"] == pytest.approx(0.6, abs=0.01)
+    assert metrics["tcp_travel_m"] == pytest.approx(4.0, abs=0.01)
     assert metrics["faults"] == []
+
+
+def test_no_cycle_is_missed_while_the_hand_is_led(session: Path) -> None:
+    metrics = json.loads((session / "mission" / "sim" / "metrics.json").read_text())
+    print({name: metrics[name] for name in ("missed_cycles", "overruns", "max_lateness_us", "wall_time_s")})
+    assert missed_at_work(session) == []
+    assert metrics["missed_cycles"] <= DISTURBED_CYCLES
+    assert metrics["frames_lost"] == 0
+
+
+def test_the_hand_is_led_about_as_well_as_in_lockstep(session: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "canipulator", "run", "sliding-door", "--no-rerun", "--json", "--out", tmp_path]
+    answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=True)
+    lockstep = json.loads(answer.stdout)["tcp_error_rms_m"]
+    real_time = json.loads((session / "mission" / "sim" / "metrics.json").read_text())["tcp_error_rms_m"]
+    print(f"TCP error {1e3 * real_time:.2f} mm rms in real time, {1e3 * lockstep:.2f} in lockstep")
+    assert real_time <= LOCKSTEP_RATIO * lockstep
 
 
 def test_candump_sees_what_the_bus_logs_hold_frame_for_frame(session: Path) -> None:

@@ -24,7 +24,8 @@ def _border(
     Qq: Matrix, Qm: Matrix, Qw: Matrix, R: Matrix, gq: Matrix, gw: Matrix, ga: Matrix, cq: Matrix, cw: Matrix, ca: Matrix,
     q0: Matrix, w0: Matrix, a0: Matrix, q1: Matrix, w1: Matrix, a1: Matrix,
 ) -> tuple[float, float]:  # fmt: skip
-    """Of dx = dx⁰ + dh dx¹: curvature and slope along dh, without what h has of its own: dx¹ᵀ H dx¹ + 2 cᵀ dx¹, dx⁰ᵀ H dx¹ + cᵀ dx⁰ + gᵀ dx¹."""
+    """Of dx = dx⁰ + dh dx¹: curvature and slope along dh, without what h has of its own:
+    dx¹ᵀ H dx¹ + 2 cᵀ dx¹ and dx⁰ᵀ H dx¹ + cᵀ dx⁰ + gᵀ dx¹."""
     stages, n = R.shape
     bend, slope = 0.0, 0.0
     for k in range(stages):
@@ -107,7 +108,9 @@ def interior_point(
             for k in range(stages):
                 for i in range(n):
                     for j in range(n):
-                        Qq[k, i, j] = hessian[k, i, j] if share == 1.0 else (1.0 - share) * convex[k, i, j] + share * hessian[k, i, j]
+                        Qq[k, i, j] = hessian[k, i, j]
+                        if share < 1.0 and curved:
+                            Qq[k, i, j] += (1.0 - share) * (convex[k, i, j] - hessian[k, i, j])
                     Qq[k, i, i] += diagonal[k, i]
             if factorise(Qq, Qm, Qw, R, P, Z, L) or share == 0.0:
                 descend(Qq, Qm, Qw, R, Z, L, gq, gw, ga, still, still, q0, w0, a0)

@@ -45,9 +45,7 @@ class Status(Enum):
         "no configuration inside the joint limits has the goal's pose: move the platform or choose another pose"
     )
 
-    COLLIDES = (
-        "the arm's links come too near to each other on the way: do not use it; plan over a configuration in between, or with less clearance"
-    )
+    COLLIDES = "the arm's links could touch on the way: do not use it; plan over a configuration in between"
 
     @property
     def usable(self) -> bool:
@@ -117,8 +115,8 @@ class TrajectoryProblem:
     """From the state (`q_start`, `dq_start`) of `robot`'s arm to a state (`q_goal`, `dq_goal`) or to rest at a TCP pose.
 
     All vectors (n,), `pose_goal` (4, 4) in the arm's base frame; exactly one of `q_goal` and `pose_goal`. Velocities that are not given
-    are zero, limits the robot's own. `clearance` (m): the links are kept off each other, softly below this distance; a motion on which they could
-    touch is not usable (`Status.COLLIDES`). None: they are not looked at. ValueError names the field that is wrong.
+    are zero, limits the robot's own. `clearance` (m): the links are kept off each other, softly below this distance; a motion on which they
+    could touch is not usable (`Status.COLLIDES`). None: they are not looked at. ValueError names the field that is wrong.
     """
 
     robot: str
@@ -144,7 +142,7 @@ class TrajectoryProblem:
         if self.points < FEWEST_POINTS:
             raise ValueError(f"points is {self.points}, must be at least {FEWEST_POINTS}")
         if self.clearance is not None and not (math.isfinite(self.clearance) and self.clearance > 0.0):
-            raise ValueError(f"clearance is {self.clearance}, must be positive (m), or None for links that are not looked at")
+            raise ValueError(f"clearance is {self.clearance}, must be positive (m), or None: links are not looked at")
         for name in ("q_start", "dq_start", "q_goal", "dq_goal"):
             value = getattr(self, name)
             if value is None and name.startswith("dq"):

@@ -1,7 +1,7 @@
 """Keeping the arm's links off each other: a smooth cost on pairs of spheres that cover the links, exact derivatives, compiled.
 
-The spheres cover the URDF's collision shapes (those of `stack.kinematics.proximity`, the same pairs of links), so where no two of them meet,
-no two links do. A pair nearer than the clearance c costs `w (1 − d/c)³`: twice differentiable, w where the spheres touch.
+The spheres cover the URDF's collision shapes (those of `stack.kinematics.proximity`, the same pairs of links), so where no two of them
+meet, no two links do. A pair nearer than the clearance c costs `w (1 − d/c)³`: twice differentiable, w where the spheres touch.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from stack.strategic.trajectory.chain import chain_table
 from stack.strategic.trajectory.problem import arm_model
 
 CELL = 1.5
-"""Greatest edge of the box that one sphere covers, in half widths of the shape: the spheres stand out by a quarter of a cylinder's radius."""
+"""Greatest edge of the box that one sphere covers, in half widths of the shape: the spheres stand out by a quarter of a radius."""
 SAMPLES = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cover:
-    """`spheres` (S, 5): how many joints carry it, centre in that joint's DH frame, radius (m); `pairs` (M, 2) of them that are kept apart."""
+    """`spheres` (S, 5): how many joints carry it, centre in that joint's DH frame, radius (m); `pairs` (M, 2): kept apart."""
 
     spheres: Matrix
     pairs: NDArray[np.int64]
@@ -82,7 +82,7 @@ def _spheres(shape: BodyShape) -> list[tuple[Vector, float]]:
 
 
 def _middles(length: float, count: int) -> Vector:
-    return (np.arange(count) + 0.5) * (length / count) - 0.5 * length
+    return np.asarray((np.arange(count) + 0.5) * (length / count) - 0.5 * length, np.float64)
 
 
 @compiled

@@ -138,7 +138,7 @@ def slack_steps(
     q: Matrix, w: Matrix, a: Matrix, h: float, dq: Matrix, dw: Matrix, da: Matrix, dh: float, bounds: Matrix, mu: float,
     s: Slacks, z: Slacks, ds: Slacks, dz: Slacks,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """Fills `ds`, `dz`; returns how far slacks and multipliers may go along them, Σ|residual|, and what the barrier changes to first order."""
+    """Fills `ds`, `dz`; returns how far slacks and multipliers may go, Σ|residual|, and what the barrier changes to first order."""
     stages, n = a.shape
     alpha, alpha_z, off, down = 1.0, 1.0, 0.0, 0.0
     most = max(0.99, 1.0 - mu)

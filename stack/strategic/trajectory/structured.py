@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -29,8 +29,8 @@ WIDTH = 1e-6
 """How far (rad, m) positions between the nodes may pass a limit, and only that of a joint which starts or ends on it."""
 OTHER_STEPS = (0.6, 2.0)
 """Factors on the first step of further starts: where the nodes jump across a manifold decides which local optimum is found."""
-WORTH = 0.01
-"""Share of the cubic's objective that the potentials have to make up before further starts are tried."""
+DEAR = 1.5
+"""A motion that costs this many times the first cubic without singularities is worth further starts."""
 BETWEEN_NODES = 4
 """Configurations per step that are looked at for links that touch."""
 Begin = tuple[Matrix, Matrix, Matrix, float]
@@ -39,7 +39,7 @@ Begin = tuple[Matrix, Matrix, Matrix, float]
 def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None) -> Trajectory:
     """A local optimum of the transcription; `guess` begins where an earlier solution was. Pure.
 
-    Where the straight way meets potentials and no guess helps, the best of three starts. ValueError for a guess of another shape.
+    Where potentials make it dear and no guess is given, the best of three starts. ValueError for a guess of another shape.
     """
     limits, goal = problem.limits, problem.q_goal
     assert isinstance(limits, TrajectoryLimits)
@@ -59,25 +59,22 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
         if best.status is Status.SOLVED:
             break
     assert best is not None
-    if guess is None and _meets_potentials(problem, goal):
+    if guess is None and _dear(problem, goal, best):
         for factor in OTHER_STEPS:
             found = _run(problem, limits, _cubic(problem, goal, factor), FIRST_BARRIER)
             best = found if _rank(found) < _rank(best) else best
     return _apart(problem, best)
 
 
-def _meets_potentials(problem: TrajectoryProblem, goal: Vector) -> bool:
-    """Whether they make up more than `WORTH` of the first cubic's objective."""
+def _dear(problem: TrajectoryProblem, goal: Vector, found: Trajectory) -> bool:
+    """Whether potentials made `found` cost more than `DEAR` times the first cubic without them, its ends left out."""
     if KINDS[problem.objective] != node_cost.POTENTIAL:
         return False
     q, _, a, h = _cubic(problem, goal, 1.0)
-    weights = problem.weights
-    rest: Any = arguments(replace(problem, clearance=None))
-    plain, whole = (
-        node_cost.objective(kind, q, a, h, 1.0, weights.acceleration / weights.time, *rest)
-        for kind in (node_cost.PLAIN, node_cost.POTENTIAL)
-    )
-    return bool(whole - plain > WORTH * plain)
+    weights, rest = problem.weights, cast(Any, arguments(problem))
+    ends = sum(node_cost.node_value(node_cost.POTENTIAL, np.ascontiguousarray(end), *rest) for end in (q[0], q[-1]))
+    plain = problem.points * h * weights.time + weights.acceleration * float(np.sum(a * a)) / h**4
+    return bool(found.objective - ends * weights.time > DEAR * plain)
 
 
 def _apart(problem: TrajectoryProblem, found: Trajectory) -> Trajectory:

@@ -300,3 +300,31 @@ def test_no_line_and_no_branch_of_the_gate_goes_untried(tmp_path: Path) -> None:
     report = [sys.executable, "-m", "coverage", "report", f"--data-file={data}", "--show-missing", "--fail-under=100"]
     done = subprocess.run(report, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_numbers_that_stand_on_the_wire_and_in_the_documentation() -> None:
+    """Reasons go into the emergency message FF01h; margins are those of docs/faults.md."""
+    assert [(reason.name, int(reason)) for reason in Reason] == [
+        ("LENGTH", 1),
+        ("RATE", 2),
+        ("JUMP", 3),
+        ("LIMITED", 4),
+        ("STALE", 5),
+        ("BEHIND", 6),
+        ("UNKNOWN", 7),
+    ]
+    assert (gate_module.JUMP_MARGIN, gate_module.ACCELERATION_MARGIN, gate_module.OFFSET_SHARE) == (3.0, 1.5, 0.5)
+
+
+def test_limits_cannot_be_changed_behind_the_back_of_the_gate() -> None:
+    with pytest.raises(AttributeError):
+        LIMITS.jump = 1  # type: ignore[misc]
+
+
+def test_a_message_half_the_counters_ahead_counts_no_loss() -> None:
+    """At 128 nobody can say whether it is ahead or behind: after three refusals it is a new beginning, not 127 losses."""
+    gate = CounterGate(1000 * MS)
+    assert gate.judge(0, 0) is None
+    answers = [gate.judge(128, (i + 1) * MS) for i in range(4)]
+    assert answers == [Reason.BEHIND] * 3 + [None]
+    assert gate.lost == 0

@@ -234,6 +234,7 @@ def test_gates_and_set_points_of_the_master_are_in_the_units_of_the_drive(make_c
     limits = cell.master._cyclic.gates[ELBOW].limits
     assert (limits.lower, limits.upper) == (-296_700, 296_700)
     assert limits.jump == round(usual.jump / 10) + 2
+    assert cell.master.axes[axis].feedback_gate.jump == 4_502  # three times 1.5 rad/s for 10 ms, and rounding
     assert limits.bend == round(usual.bend / 10) + 2
     assert cell.master.axes[axis].target_raw == pytest.approx(100_000, abs=10)
 

@@ -134,6 +134,27 @@ def test_problems_that_make_no_sense_are_refused():
         Weights(time=0.0)
 
 
+@pytest.mark.parametrize(("robot", "points"), [("iiwa14", 20), ("moma8", 30)])
+def test_a_guess_of_another_shape_is_refused_with_both_shapes(robot, points):
+    guess = solve(TrajectoryProblem("iiwa14", *pair("iiwa14", 1)))
+    problem = TrajectoryProblem(robot, *pair(robot, 1), points=points)
+    with pytest.raises(
+        ValueError, match=rf"guess\.q has shape \(30, 7\), must have \({points}, {problem.q_start.size}\)"
+    ):
+        solve(problem, guess=guess)
+
+
+@pytest.mark.parametrize(("robot", "index"), [("iiwa14", 19), ("panda", 7)])
+def test_manipulability_converges_where_speed_limits_bind(robot, index):
+    """Many active speed limits make h stiff; a floor under its curvature once kept the steps from the optimum."""
+    pytest.importorskip("casadi", reason="the benchmark's module needs it")
+    from benchmarks.trajectory import pairs
+
+    found = solve(pairs(robot, Objective.MANIPULABILITY, index + 1)[index])
+    assert found.status is Status.SOLVED
+    assert found.iterations < 200
+
+
 @pytest.mark.parametrize("robot", ["iiwa14", "comau_racer7"])
 def test_potentials_keep_the_middle_of_the_motion_away_from_singularities(robot):
     """Over some pairs, ends left out: the least singular value on the way is larger with the potentials than without."""
