@@ -59,7 +59,7 @@ LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
 """From the end of the mission to the end of a role at the latest: the planner comes to rest and switches the drives off."""
 SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
 SIM_CATCH_UP_NS = 100_000_000
-SIM_GRAIN_NS = 5_000_000
+SIM_GRAIN_NS = 1_000_000
 """Physics alone in its process makes up to five steps at a time, and goes to the present when a frame comes: it answers as before."""
 LOG_FLUSH_NS = 20_000_000
 """So long may a line of the bus log wait: a system call for every cycle would cost more than the lines."""

@@ -20,9 +20,9 @@ OFF = {
     "drive-square": (("slip.sigma=0.01",), {"platform_return_error_m"}),
     # Not held, but coordinated with a posture elsewhere: hand and platform move.
     "hold-still": (('step.0.mode="coordinated"', FAR_OFF, EVERY_JOINT), {"tcp_error_max_m", "platform_return_error_m"}),
-    # The second table is out of the arm's reach.
+    # The second table is out of the arm's reach. With the platform the mission takes 32.3 s.
     "pick-and-place-tour": (
-        ('planner.coordination="arm-only"',),
+        ('planner.coordination="arm-only"', "duration_s=36.0"),
         {"mission_finished", "object_goal_error_max_m", "platform_distance_forward_m", "tcp_error_rms_m"},
     ),
 }

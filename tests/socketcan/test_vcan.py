@@ -31,7 +31,17 @@ ATTEMPTS = 2
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lockstep_error_m(tmp_path_factory: pytest.TempPathFactory) -> float:
+    """TCP error of the same mission in lockstep. Leaves every compiled function in the cache: compiling in there takes minutes."""
+    out = tmp_path_factory.mktemp("lockstep")
+    command = [sys.executable, "-m", "canipulator", "run", "sliding-door", "--no-rerun", "--json", "--out", out]
+    answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=True)
+    error_m: float = json.loads(answer.stdout)["tcp_error_rms_m"]
+    return error_m
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory, lockstep_error_m: float) -> Path:
     """What session.py leaves behind."""
     for attempt in range(ATTEMPTS):
         out = tmp_path_factory.mktemp("vcan")
@@ -81,13 +91,10 @@ def test_no_cycle_is_missed_while_the_hand_is_led(session: Path) -> None:
     assert metrics["frames_lost"] == 0
 
 
-def test_the_hand_is_led_about_as_well_as_in_lockstep(session: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "canipulator", "run", "sliding-door", "--no-rerun", "--json", "--out", tmp_path]
-    answer = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=True)
-    lockstep = json.loads(answer.stdout)["tcp_error_rms_m"]
+def test_the_hand_is_led_about_as_well_as_in_lockstep(session: Path, lockstep_error_m: float) -> None:
     real_time = json.loads((session / "mission" / "sim" / "metrics.json").read_text())["tcp_error_rms_m"]
-    print(f"TCP error {1e3 * real_time:.2f} mm rms in real time, {1e3 * lockstep:.2f} in lockstep")
-    assert real_time <= LOCKSTEP_RATIO * lockstep
+    print(f"TCP error {1e3 * real_time:.2f} mm rms in real time, {1e3 * lockstep_error_m:.2f} in lockstep")
+    assert real_time <= LOCKSTEP_RATIO * lockstep_error_m
 
 
 def test_candump_sees_what_the_bus_logs_hold_frame_for_frame(session: Path) -> None:
