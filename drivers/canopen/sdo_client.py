@@ -145,7 +145,9 @@ class SdoClient:
             self.ignored += 1
             return
         if command == 0x60 if transfer.payload is None else command >> 5 == 2:
-            self.ignored += 1  # a late answer to a request of the other kind for this object: written twice, now read back
+            self.ignored += (
+                1  # a late answer to a request of the other kind for this object: written twice, now read back
+            )
             return
         if transfer.payload is not None:
             if command != 0x60:
