@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import click
 
+from canipulator.collector import collector_off
 from canipulator.realtime import SIM_CATCH_UP_NS
 from canipulator.roles import SimulatedRobot, simulated_robot
-from canipulator.run import collector_off
 from canipulator.serving import ServedRun
 from canipulator.wire import run_time, undisturbed
 from config.errors import ConfigError

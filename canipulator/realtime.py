@@ -15,11 +15,13 @@ from types import FrameType
 
 import click
 
+from canipulator.collector import collector_off
 from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
+from canipulator.judging import check_expectations, check_scenario, run_info
 from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
-from canipulator.run import SETTLE_NS, check_expectations, check_scenario, collector_off, run_info
+from canipulator.run import SETTLE_NS
 from canipulator.warm_up import warm_up
 from canipulator.wire import Wire, run_time, undisturbed
 from canipulator.wire_report import report
@@ -60,7 +62,7 @@ LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
 SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
 SIM_CATCH_UP_NS = 100_000_000
 SIM_GRAIN_NS = 1_000_000
-"""Physics alone in its process makes up to five steps at a time, and goes to the present when a frame comes: it answers as before."""
+"""Physics alone in its process is woken up by its own step only, and by frames; its other timers go along with that."""
 LOG_FLUSH_NS = 20_000_000
 """So long may a line of the bus log wait: a system call for every cycle would cost more than the lines."""
 

@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from canipulator.collector import collector_off
 from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
 from canipulator.fault_effects import Parts
 from canipulator.fault_injection import FAULT_LOG, FaultInjector
+from canipulator.judging import OWN_METRICS, check_expectations, check_scenario, overload, run_info
 from canipulator.outcome import (
     EXPECTATION_MISSED,
     OK,
     Outcome,
     RunOptions,
     expectations,
-    flat,
     progress_bar,
-    revision,
     run_directory,
     show,
 )
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
-from canipulator.surroundings import around, objects_off_goal
+from canipulator.surroundings import objects_off_goal
 from canipulator.warm_up import warm_up
-from config.errors import ConfigError
 from config.load import dump_scenario
 from config.robot import Robot, load_robot
 from config.scenario import Scenario
@@ -42,9 +38,7 @@ from drivers.strategic_node import StrategicNode
 from logs.bus_log import BusLogWriter
 from logs.events import Event, Level
 from logs.metrics import Metrics, RunFacts, evaluate
-from logs.recorder import RunInfo
 from logs.run_log import BLOCK_NS, RunLog
-from logs.signals import SignalTable
 from stack.messages import Truth
 from stack.strategic.mission import Stage
 
@@ -308,98 +302,6 @@ class LockstepRun:
             self.strategic.found.get("door_axis_tilt_found_rad"),
         )
         return dict(zip(OWN_METRICS, values, strict=True))
-
-
-OWN_METRICS = (
-    "mission_finished",
-    "path_progress",
-    "incomplete_cycles",
-    "platform_return_error_m",
-    "faults_injected",
-    "frames_dropped_by_faults",
-    "set_points_refused",
-    "collisions",
-    "object_goal_error_max_m",
-    "door_radius_found_m",
-    "door_axis_tilt_found_rad",
-)
-"""Metrics of lockstep runs beside those of `logs.metrics`: share of the commanded way that was let through, cycles without
-feedback from every drive, distance of the platform at the end from where it began, 1 for a mission that came to its end; ticks of the
-physics (1 ms) with an unwanted contact of the robot: two of its own parts, or one of them and the floor, a table, a door."""
-
-
-def run_info(scenario: Scenario) -> RunInfo:
-    """What a recording says about itself."""
-    return RunInfo(
-        scenario.name,
-        scenario.seed,
-        scenario.planner.method,
-        scenario.planner.coordination,
-        revision(),
-        flat(scenario.model_dump(mode="json", exclude_none=True)),
-        around(scenario),
-    )
-
-
-def check_scenario(scenario: Scenario, robot: Robot) -> None:
-    """What only scenario and robot together can say."""
-    start, arm = scenario.start.configuration, robot.arm
-    if start is None:
-        return
-    if len(start) != arm.n:
-        raise ConfigError(f"{scenario.name}: start.configuration has {len(start)} values, must have {arm.n}")
-    for i, q in enumerate(start):
-        if not arm.q_min[i] <= q <= arm.q_max[i]:
-            span = f"{arm.q_min[i]:.4g} to {arm.q_max[i]:.4g}"
-            raise ConfigError(
-                f"{scenario.name}: start.configuration.{i} = {q:g} ({arm.joint_names[i]}): must be within {span}"
-            )
-
-
-def check_expectations(scenario: Scenario, robot: Robot) -> None:
-    """Whether every metric that is expected exists: better now than at the end of the run."""
-    facts = RunFacts(scenario.name, scenario.seed, "", "", 0.0, 0.0, extra=dict.fromkeys(OWN_METRICS, 0.0))
-    nothing = evaluate(SignalTable(), robot.arm, facts)
-    joints = dict.fromkeys(robot.arm.joint_names, 0.0)
-    try:
-        replace(nothing, joint_travel=joints, joint_acceleration_step_max=joints).judged(expectations(scenario.expect))
-    except ValueError as error:
-        raise ConfigError(f"{scenario.name}: {error}") from None
-
-
-def overload(table: SignalTable, frames_lost: int) -> tuple[str, ...]:
-    """A bus that cannot carry what is asked of it is a fault of its own, before all that follows from it."""
-    load = table.get("bus/load")
-    full = 0 if load is None else _longest(load.values[:, 0] >= FULL)
-    if full < OVERLOAD_WINDOWS and not frames_lost:
-        return ()
-    return (f"bus: overloaded, full for {0.1 * full:.1f} s on end, {frames_lost} frames lost",)
-
-
-def _longest(flags: NDArray[np.bool_]) -> int:
-    """Length of the longest run of True."""
-    best = run = 0
-    for flag in flags:
-        run = run + 1 if flag else 0
-        best = max(best, run)
-    return best
-
-
-FULL = 0.97
-OVERLOAD_WINDOWS = 3
-"""So many windows of 100 ms on end: heartbeats, which have the lowest priority, are lost by then."""
-
-
-@contextlib.contextmanager
-def collector_off() -> Iterator[None]:
-    """No garbage collection inside the loop: nothing there makes cycles, and pauses would show in the cycle times."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 __all__ = ["LockstepRun", "Outcome", "RunOptions", "run_scenario"]

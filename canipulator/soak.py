@@ -14,8 +14,9 @@ from typing import Any
 import click
 import numpy as np
 
+from canipulator.judging import check_scenario
 from canipulator.outcome import RunOptions, progress_bar
-from canipulator.run import LockstepRun, check_scenario
+from canipulator.run import LockstepRun
 from config.errors import ConfigError
 from config.faults import DRIVES, JOINTS, KINDS, WHEELS
 from config.load import dump_scenario, load_scenario, scenario_names

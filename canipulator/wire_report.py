@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from canipulator.judging import overload
 from canipulator.outcome import EXPECTATION_MISSED, OK, Outcome, expectations, show
-from canipulator.run import overload
 from logs.metrics import Metrics, RunFacts, evaluate
 from logs.run_log import RunLog
 

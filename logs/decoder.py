@@ -194,7 +194,8 @@ class SignalDecoder:
         """By how many cycles the planner's own count differs from the SYNC that a reference came after: 0 if it was in time."""
         offset = sync_count - cycles
         if self._anchor is None:
-            self._anchor = int(offset[0])
+            # in real time the first ones may have been late: the count of most of them holds
+            self._anchor = int(offset[0]) + int(np.median(_wrap16(offset - offset[0])))
         lag = _wrap16(offset - self._anchor)
         if np.any(np.abs(lag) > _RESTART):
             self._anchor = int(offset[-1])
