@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-NAMES = ("stack", "physics", "bus", "drives", "resolvers", "recorder", "trajectory")
+NAMES = ("stack", "physics", "bus", "drives", "resolvers", "recorder", "realtime", "trajectory")
 
 
 def main(wanted: list[str]) -> int:
