@@ -103,31 +103,36 @@ def around_values(signals: Mapping[str, Signal], around: Around) -> Iterable[tup
     door, force, hand = (signals.get(f"truth/{name}") for name in ("door", "handle_force", "hand"))
     if door is not None:
         scale = np.array([180.0 / np.pi if around.door == "hinged" else 1e3])
-        yield "door/opening", Signal(door.t_ns, door.values[:, :1] * scale)
+        yield _opening(around), Signal(door.t_ns, door.values[:, :1] * scale)
     if force is not None:
-        yield "door/handle_force", force
+        yield "door/handle_force_N", force
     if hand is not None:
-        yield "hand/force", Signal(hand.t_ns, np.linalg.norm(hand.values[:, 3:], axis=1, keepdims=True))
+        yield "hand/force_N", Signal(hand.t_ns, np.linalg.norm(hand.values[:, 3:], axis=1, keepdims=True))
 
 
 def around_series(around: Around) -> tuple[tuple[str, tuple[str, ...], tuple[Color, ...]], ...]:
     """Path, names and colours of the curves of a run with these surroundings."""
     door = (
-        ("door/opening", ("door",), (palette.TRUE,)),
-        ("door/handle_force", ("along its way", "across", "along the handle"), palette.AXES),
+        (_opening(around), ("door",), (palette.TRUE,)),
+        ("door/handle_force_N", ("along its way", "across", "along the handle"), palette.AXES),
     )
-    hand = (("hand/force", ("hand",), (palette.VIOLET,)),)
+    hand = (("hand/force_N", ("hand",), (palette.VIOLET,)),)
     return (*(door if around.door else ()), *(hand if around.person else ()))
+
+
+def _opening(around: Around) -> str:
+    """The curve of how far the door is open."""
+    return "door/opening_deg" if around.door == "hinged" else "door/opening_mm"
 
 
 def around_views(around: Around) -> dict[str, tuple[str, ...]]:
     """Entity paths by the title of their plot."""
     unit = "°" if around.door == "hinged" else "mm"
     door = {
-        f"Door, open [{unit}]": ("door/opening",),
-        "Force on the handle [N]": ("door/handle_force",),
+        f"Door, open [{unit}]": (_opening(around),),
+        "Force on the handle [N]": ("door/handle_force_N",),
     }
-    return {**(door if around.door else {}), **({"Force of the hand [N]": ("hand/force",)} if around.person else {})}
+    return {**(door if around.door else {}), **({"Force of the hand [N]": ("hand/force_N",)} if around.person else {})}
 
 
 def around_metrics(table: SignalTable, door: str | None) -> dict[str, float | None]:

@@ -22,24 +22,31 @@ _OVERVIEW_STATES = ("drives/all", "mission/step", "planner/phase", "planner/rest
 
 def view_contents(arm: ArmModel, around: Around = NOTHING) -> dict[str, tuple[str, ...]]:
     """Entity paths of every view, by the view's title; a path that ends in `/**` stands for all below it."""
-    each = {title: (f"joints/each/{name}",) for title, name in zip(_joint_titles(arm), arm.joint_names, strict=True)}
+    each = {
+        title: (f"joints/each_rad_or_m/{name}",)
+        for title, name in zip(_joint_titles(arm), arm.joint_names, strict=True)
+    }
     return {
         f"{arm.name}, ellipsoids {ELLIPSOID_SCALE:g} m per m/s": ("world/**",),
         "TCP error [mm]": ("tcp/error_mm",),
-        "Joint positions [share of range, limits at ±1]": ("joints/share", "joints/limits"),
-        "Manipulability, arm [SI]": ("manipulability/arm",),
-        "Manipulability, robot [SI]": ("manipulability/robot",),
-        "Platform v [m/s]": ("platform/v/commanded", "platform/v/encoder", "platform/v/true"),
-        "Platform ω [rad/s]": ("platform/omega/commanded", "platform/omega/encoder", "platform/omega/true"),
+        "Joint positions [share of range, limits at ±1]": ("joints/position_share", "joints/limits_share"),
+        "Manipulability, arm [SI]": ("manipulability/arm_SI",),
+        "Manipulability, robot [SI]": ("manipulability/robot_SI",),
+        "Platform v [m/s]": ("platform/v_m_per_s/commanded", "platform/v_m_per_s/encoder", "platform/v_m_per_s/true"),
+        "Platform ω [rad/s]": (
+            "platform/omega_rad_per_s/commanded",
+            "platform/omega_rad_per_s/encoder",
+            "platform/omega_rad_per_s/true",
+        ),
         "Bus load [%]": ("bus/load_percent",),
-        "Path scale ϑ [1]": ("planner/path_scale",),
+        "Path scale ϑ [1]": ("planner/path_scale_1",),
         "States": tuple(f"states/{lane}" for lane in _OVERVIEW_STATES),
         "Events": ("events",),
         "Events, all": ("events",),
         **each,
         "Joint velocities [share of limit]": ("joints/velocity_share",),
-        "Joint efforts [N·m, lift N]": ("joints/effort/actual",),
-        "Effort offsets sent [N·m, lift N]": ("joints/effort/offset",),
+        "Joint efforts [N·m, lift N]": ("joints/effort_Nm_or_N/actual",),
+        "Effort offsets sent [N·m, lift N]": ("joints/effort_Nm_or_N/offset",),
         "Drives [CiA 402 state]": ("states/drives/**",),
         "Nodes [NMT state]": ("states/nodes/**",),
         "Frames [1/s]": ("bus/frames_per_s",),
@@ -50,20 +57,20 @@ def view_contents(arm: ArmModel, around: Around = NOTHING) -> dict[str, tuple[st
         "Frames in words": ("can/**",),
         **{
             f"Wheel {side} [rad/s]": tuple(
-                f"wheels/velocity/{side}/{role}" for role in ("commanded", "encoder", "true")
+                f"wheels/velocity_rad_per_s/{side}/{role}" for role in ("commanded", "encoder", "true")
             )
             for side in WHEELS
         },
-        "Singular values, arm [SI]": ("singular_values/arm",),
-        "Singular values, robot [SI]": ("singular_values/robot",),
-        "Singularity margins by kind [1]": ("singularity/margins",),
-        "Distance to singular manifolds [rad]": ("singularity/manifolds",),
+        "Singular values, arm [SI]": ("singular_values/arm_SI",),
+        "Singular values, robot [SI]": ("singular_values/robot_SI",),
+        "Singularity margins by kind [1]": ("singularity/margins_1",),
+        "Distance to singular manifolds [rad]": ("singularity/manifolds_rad",),
         "Rotation error [mrad]": ("tcp/rotation_error_mrad",),
         "Tracker error [mm]": ("tracker/position_error_mm",),
-        "Force at the gripper [N]": ("wrench/force",),
-        "Torque at the gripper [N·m]": ("wrench/torque",),
-        "Commanded twist, linear [m/s]": ("twist/linear",),
-        "Commanded twist, angular [rad/s]": ("twist/angular",),
+        "Force at the gripper [N]": ("wrench/force_N",),
+        "Torque at the gripper [N·m]": ("wrench/torque_Nm",),
+        "Commanded twist, linear [m/s]": ("twist/linear_m_per_s",),
+        "Commanded twist, angular [rad/s]": ("twist/angular_rad_per_s",),
         **around_views(around),
         "Wheel slip [%]": ("wheels/slip_percent", "wheels/slip_estimate_percent"),
     }

@@ -22,10 +22,10 @@ from stack.messages import Vector
 LABELS = "ABCDEFGH"
 _SOURCES = {
     "tcp_error_mm": ("tcp/error_mm", 0),
-    "platform_v": ("platform/v/true", 0),
-    "platform_omega": ("platform/omega/true", 0),
-    "manipulability_arm": ("manipulability/arm", 0),
-    "manipulability_robot": ("manipulability/robot", 0),
+    "platform_v_m_per_s": ("platform/v_m_per_s/true", 0),
+    "platform_omega_rad_per_s": ("platform/omega_rad_per_s/true", 0),
+    "manipulability_arm_SI": ("manipulability/arm_SI", 0),
+    "manipulability_robot_SI": ("manipulability/robot_SI", 0),
 }
 """Plotted entity: entity of the run's recording, column of it."""
 
@@ -102,7 +102,7 @@ class _RunWriter:
         for entity, (source, column) in _SOURCES.items():
             if source in series:
                 self._scalars(entity, series[source].t_ns, series[source].values[:, column])
-        joints = series.get("joints/position/actual")
+        joints = series.get("joints/position_rad_or_m/actual")
         if joints is not None:
             for i, entity in enumerate(joint_plots(self._arm).values()):
                 self._scalars(entity, joints.t_ns, joints.values[:, i])

@@ -16,17 +16,18 @@ TABLE = "table"
 PLOTS = {
     "TCP error [mm]": "tcp_error_mm",
     "Distance of the TCP from that of A [mm]": "tcp_from_A_mm",
-    "Platform v, true [m/s]": "platform_v",
-    "Platform ω, true [rad/s]": "platform_omega",
-    "Manipulability, arm": "manipulability_arm",
-    "Manipulability, robot": "manipulability_robot",
+    "Platform v, true [m/s]": "platform_v_m_per_s",
+    "Platform ω, true [rad/s]": "platform_omega_rad_per_s",
+    "Manipulability, arm [SI]": "manipulability_arm_SI",
+    "Manipulability, robot [SI]": "manipulability_robot_SI",
 }
 PATHS = ("path/commanded", "path/true", "path/platform")
 
 
 def joint_plots(arm: ArmModel) -> dict[str, str]:
     """Title and entity of each joint's plot."""
-    return {f"{row.name} [{'rad' if row.revolute else 'm'}]": f"joints/{row.name}" for row in arm.description.joints}
+    units = {row.name: "rad" if row.revolute else "m" for row in arm.description.joints}
+    return {f"{name} [{unit}]": f"joints/{name}_{unit}" for name, unit in units.items()}
 
 
 def view_contents(labels: Sequence[str], arm: ArmModel) -> dict[str, tuple[str, ...]]:

@@ -144,7 +144,7 @@ def _manipulability(figure: Figure, runs: Sequence[FigureRun]) -> bool:
     above, below = figure.subplots(2, 1, sharex=True)
     for axes, name in ((above, "arm"), (below, "robot")):
         for i, run in enumerate(runs):
-            signal = run.signal(f"manipulability/{name}")
+            signal = run.signal(f"manipulability/{name}_SI")
             if signal is not None:
                 _curve(axes, signal, 0, _colour(i), f"{_of(run, runs)}TCP")
                 if signal.values.shape[1] > 1 and not np.isnan(signal.values[:, 1]).all():
@@ -157,7 +157,7 @@ def _manipulability(figure: Figure, runs: Sequence[FigureRun]) -> bool:
 def _platform(figure: Figure, runs: Sequence[FigureRun]) -> bool:
     """Commanded velocity thin and dark, the true one in colour."""
     above, below = figure.subplots(2, 1, sharex=True)
-    for axes, name in ((above, "v"), (below, "omega")):
+    for axes, name in ((above, "v_m_per_s"), (below, "omega_rad_per_s")):
         for i, run in enumerate(runs):
             true, commanded = run.signal(f"platform/{name}/true"), run.signal(f"platform/{name}/commanded")
             if true is not None:
@@ -171,7 +171,7 @@ def _platform(figure: Figure, runs: Sequence[FigureRun]) -> bool:
 
 def _joints(figure: Figure, run: FigureRun, arm: ArmModel, *, title: bool) -> bool:
     """Every joint in its own unit, with its limits and the padding before them."""
-    q = run.signal("joints/position/actual")
+    q = run.signal("joints/position_rad_or_m/actual")
     if q is None:
         return False
     panels = figure.subplots((arm.n + 1) // 2, 2, sharex=True, squeeze=False).T.ravel()

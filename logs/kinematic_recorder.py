@@ -47,7 +47,7 @@ class _Recording:
         self._arm = ArmModel.load(recorded.robot)
         self._urdf = robot_directory(recorded.robot) / "robot.urdf"
         plots = (*recorded.plots, *joint_plots(self._arm, recorded))
-        self._plots = [(f"plots/{_slug(plot.title)}", plot) for plot in plots]
+        self._plots = [(f"plots/{_named_with_unit(plot.title)}", plot) for plot in plots]
         self._stream = rr.RecordingStream(APPLICATION, send_properties=True)
         lanes = list(dict.fromkeys(change.lane for change in recorded.states))
         low, high = self._extent()
@@ -200,10 +200,17 @@ def _ns(t_s: Vector) -> Ints:
 
 
 def _slug(title: str) -> str:
-    """A title as one part of an entity path; its unit stays out."""
+    """A title, without its unit, as one part of an entity path."""
     return re.sub(r"[^a-z0-9ϑ]+", "_", title.split("[")[0].lower()).strip("_")
 
 
+def _named_with_unit(title: str) -> str:
+    """`Joint 4 [°]` as `joint_4_deg`. Raises KeyError for a unit that is not in the list, or none."""
+    unit = re.search(r"\[(.*)\]$", title)
+    return f"{_slug(title)}_{_UNITS['' if unit is None else unit[1]]}"
+
+
+_UNITS = {"share of limit": "share", "°": "deg", "µm": "um", "mm": "mm", "rad": "rad", "m": "m", "1": "1", "SI": "SI"}
 _STATUS_COLORS = {
     "ok": palette.GOOD,
     "constrained": palette.BUSY,

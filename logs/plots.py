@@ -43,7 +43,14 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
     """Every plotted entity of a recording."""
     joints = tuple(joint_names)
     colors = palette.JOINTS[: len(joints)]
-    per_joint = ("share", "velocity_share", "position/actual", "position/target", "effort/actual", "effort/offset")
+    per_joint = (
+        "position_share",
+        "velocity_share",
+        "position_rad_or_m/actual",
+        "position_rad_or_m/target",
+        "effort_Nm_or_N/actual",
+        "effort_Nm_or_N/offset",
+    )
     limits = ("upper limit", "lower limit", "padding", "padding ")
     limit_colors = (palette.LIMIT, palette.LIMIT, palette.PADDING, palette.PADDING)
     detail = ("actual", "target", *limits)
@@ -51,19 +58,22 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         Series("tcp/error_mm", ("distance", "across the path"), (palette.LIMIT, palette.COMMANDED), (3.0, 1.2)),
         Series("tcp/rotation_error_mrad", ("rotation",), (palette.VIOLET,)),
         *(Series(f"joints/{name}", joints, colors) for name in per_joint),
-        Series("joints/limits", ("limits, padding",) * 4, limit_colors, (1.0,) * 4),  # one entry of the legend
+        Series("joints/limits_share", ("limits, padding",) * 4, limit_colors, (1.0,) * 4),  # one entry of the legend
         *(
-            Series(f"joints/each/{joint}", detail, (palette.MEASURED, palette.COMMANDED, *limit_colors))
+            Series(f"joints/each_rad_or_m/{joint}", detail, (palette.MEASURED, palette.COMMANDED, *limit_colors))
             for joint in joints
         ),
-        *(Series(f"platform/v/{role}", (role,), (color,), (width,)) for role, color, width in PLATFORM_ROLES),
-        *(Series(f"platform/omega/{role}", (role,), (color,), (width,)) for role, color, width in PLATFORM_ROLES),
-        *(Series(f"manipulability/{name}", ("TCP", "wrist centre"), pair) for name, pair in _DEXTERITY_COLORS),
-        Series("singular_values/arm", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
-        Series("singular_values/robot", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
-        Series("singularity/margins", ("KS", "AS", "SS", "SAS"), _KIND_COLORS),
-        Series("singularity/manifolds", MANIFOLD_NAMES, palette.JOINTS),
-        Series("planner/path_scale", ("path scale",), (palette.TRUE,)),
+        *(Series(f"platform/v_m_per_s/{role}", (role,), (color,), (width,)) for role, color, width in PLATFORM_ROLES),
+        *(
+            Series(f"platform/omega_rad_per_s/{role}", (role,), (color,), (width,))
+            for role, color, width in PLATFORM_ROLES
+        ),
+        *(Series(f"manipulability/{name}_SI", ("TCP", "wrist centre"), pair) for name, pair in _DEXTERITY_COLORS),
+        Series("singular_values/arm_SI", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
+        Series("singular_values/robot_SI", tuple(f"σ{i}" for i in range(1, 7)), palette.JOINTS[:6]),
+        Series("singularity/margins_1", ("KS", "AS", "SS", "SAS"), _KIND_COLORS),
+        Series("singularity/manifolds_rad", MANIFOLD_NAMES, palette.JOINTS),
+        Series("planner/path_scale_1", ("path scale",), (palette.TRUE,)),
         Series("bus/load_percent", ("bus load",), (palette.MEASURED,)),
         Series("bus/frames_per_s", ("frames",), (palette.NEUTRAL,)),
         Series("bus/load_by_class_percent", CLASSES, palette.JOINTS[: len(CLASSES)]),
@@ -71,14 +81,14 @@ def all_series(joint_names: Sequence[str]) -> tuple[Series, ...]:
         Series("bus/sync_error_us", ("later than due",), (palette.NEUTRAL,)),
         Series("cycle/computing_ms", ("planner",), (palette.TRUE,)),
         *(
-            Series(f"wheels/velocity/{side}/{role}", (role,), (color,), (width,))
+            Series(f"wheels/velocity_rad_per_s/{side}/{role}", (role,), (color,), (width,))
             for side in WHEELS
             for role, color, width in PLATFORM_ROLES
         ),
-        Series("wrench/force", XYZ, palette.AXES),
-        Series("wrench/torque", XYZ, palette.AXES),
-        Series("twist/linear", XYZ, palette.AXES),
-        Series("twist/angular", XYZ, palette.AXES),
+        Series("wrench/force_N", XYZ, palette.AXES),
+        Series("wrench/torque_Nm", XYZ, palette.AXES),
+        Series("twist/linear_m_per_s", XYZ, palette.AXES),
+        Series("twist/angular_rad_per_s", XYZ, palette.AXES),
         Series("wheels/slip_percent", ("left", "right"), (palette.MEASURED, palette.COMMANDED)),
         Series("wheels/slip_estimate_percent", ("left, estimate", "right, estimate"), (palette.TRUE, palette.VIOLET)),
         Series("tracker/position_error_mm", ("distance",), (palette.NEUTRAL,)),
@@ -111,18 +121,18 @@ class Plots:
         yield from _wheels(signals)
         if "manipulability" in signals:
             both = signals["manipulability"]
-            yield "manipulability/arm", Signal(both.t_ns, both.values[:, 0::2])
-            yield "manipulability/robot", Signal(both.t_ns, both.values[:, 1::2])
+            yield "manipulability/arm_SI", Signal(both.t_ns, both.values[:, 0::2])
+            yield "manipulability/robot_SI", Signal(both.t_ns, both.values[:, 1::2])
         if "singularity/margins" in signals:
             margins = signals["singularity/margins"]
-            yield "singularity/margins", Signal(margins.t_ns, margins.values[:, :4])
+            yield "singularity/margins_1", Signal(margins.t_ns, margins.values[:, :4])
             yield from self._manifold_distances(signals)
         if "slip/estimate" in signals:
             slip = signals["slip/estimate"]
             yield "wheels/slip_estimate_percent", Signal(slip.t_ns, 100.0 * slip.values[:, :2])
         if "planner/state" in signals:
             state = signals["planner/state"]
-            yield "planner/path_scale", Signal(state.t_ns, state.values[:, 3:4])
+            yield "planner/path_scale_1", Signal(state.t_ns, state.values[:, 3:4])
 
     def _manifold_distances(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
         """Of the measured configuration, ten rows a second."""
@@ -133,7 +143,7 @@ class Plots:
         rows = self._thin.due(whole.t_ns)
         if len(rows):
             values = np.array([list(manifolds(self._arm, q).values()) for q in whole.values[rows]])
-            yield "singularity/manifolds", Signal(whole.t_ns[rows], values)
+            yield "singularity/manifolds_rad", Signal(whole.t_ns[rows], values)
 
     def _error(self, signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
         error = signals.get("tcp/error")
@@ -155,10 +165,10 @@ class Plots:
         if actual is None:
             return
         middle, half = 0.5 * (self._upper + self._lower), 0.5 * (self._upper - self._lower)
-        yield "joints/share", Signal(actual.t_ns, (actual.values - middle) / half)
+        yield "joints/position_share", Signal(actual.t_ns, (actual.values - middle) / half)
         ends = np.array([actual.t_ns[0], actual.t_ns[-1]])[: len(actual)]
         pad = self._padding_share
-        yield "joints/limits", Signal(ends, np.tile([1.0, -1.0, pad, -pad], (len(ends), 1)))
+        yield "joints/limits_share", Signal(ends, np.tile([1.0, -1.0, pad, -pad], (len(ends), 1)))
         yield from self._each_joint(actual, signals.get("joints/position/target"))
 
     def _each_joint(self, actual: Signal, target: Signal | None) -> Iterable[tuple[str, Signal]]:
@@ -171,23 +181,26 @@ class Plots:
             if target is not None:
                 wanted = np.interp(thin.t_ns, target.t_ns, target.values[:, i], left=np.nan, right=np.nan)
             limits = np.tile([upper, lower, upper - pad, lower + pad], (len(thin), 1))
-            yield f"joints/each/{name}", Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits]))
+            yield (
+                f"joints/each_rad_or_m/{name}",
+                Signal(thin.t_ns, np.column_stack([thin.values[:, i], wanted, limits])),
+            )
 
 
 MINIMAL_PLOTS = frozenset(
     {
         "tcp/error_mm",
-        "joints/position/actual",
-        "joints/share",
-        "joints/limits",
-        "platform/v/commanded",
-        "platform/v/true",
-        "platform/omega/commanded",
-        "platform/omega/true",
-        "manipulability/arm",
-        "manipulability/robot",
+        "joints/position_rad_or_m/actual",
+        "joints/position_share",
+        "joints/limits_share",
+        "platform/v_m_per_s/commanded",
+        "platform/v_m_per_s/true",
+        "platform/omega_rad_per_s/commanded",
+        "platform/omega_rad_per_s/true",
+        "manipulability/arm_SI",
+        "manipulability/robot_SI",
         "bus/load_percent",
-        "planner/path_scale",
+        "planner/path_scale_1",
     }
 )
 """Plotted entities of a recording with `Detail.MINIMAL`."""
@@ -209,22 +222,22 @@ _DEXTERITY_COLORS = (
     ("robot", (palette.MEASURED, palette.VIOLET)),
 )
 _DIRECT = (
-    ("joints/position/actual", "joints/position/actual", 1.0),
-    ("joints/position/target", "joints/position/target", 1.0),
-    ("joints/effort/actual", "joints/effort", 1.0),
-    ("joints/effort/offset", "joints/effort/offset", 1.0),
-    ("singular_values/arm", "singular_values/arm", 1.0),
-    ("singular_values/robot", "singular_values/robot", 1.0),
+    ("joints/position_rad_or_m/actual", "joints/position/actual", 1.0),
+    ("joints/position_rad_or_m/target", "joints/position/target", 1.0),
+    ("joints/effort_Nm_or_N/actual", "joints/effort", 1.0),
+    ("joints/effort_Nm_or_N/offset", "joints/effort/offset", 1.0),
+    ("singular_values/arm_SI", "singular_values/arm", 1.0),
+    ("singular_values/robot_SI", "singular_values/robot", 1.0),
     ("bus/load_percent", "bus/load", 100.0),
     ("bus/frames_per_s", "bus/frames", 10.0),
     ("bus/load_by_class_percent", "bus/load_by_class", 100.0),
     ("bus/after_sync_ms", "bus/after_sync", 1e3),
     ("bus/sync_error_us", "bus/sync_error", 1e6),
     ("cycle/computing_ms", "cycle/computing", 1e3),
-    ("wrench/force", "wrench/force", 1.0),
-    ("wrench/torque", "wrench/torque", 1.0),
-    ("twist/linear", "twist/linear", 1.0),
-    ("twist/angular", "twist/angular", 1.0),
+    ("wrench/force_N", "wrench/force", 1.0),
+    ("wrench/torque_Nm", "wrench/torque", 1.0),
+    ("twist/linear_m_per_s", "twist/linear", 1.0),
+    ("twist/angular_rad_per_s", "twist/angular", 1.0),
     ("wheels/slip_percent", "truth/wheel_slip", 100.0),
 )
 
@@ -238,8 +251,8 @@ def _platform(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
     for role, name in sources.items():
         if name in signals:
             signal = signals[name]
-            yield f"platform/v/{role}", Signal(signal.t_ns, signal.values[:, :1])
-            yield f"platform/omega/{role}", Signal(signal.t_ns, signal.values[:, 1:2])
+            yield f"platform/v_m_per_s/{role}", Signal(signal.t_ns, signal.values[:, :1])
+            yield f"platform/omega_rad_per_s/{role}", Signal(signal.t_ns, signal.values[:, 1:2])
 
 
 def _wheels(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
@@ -252,7 +265,7 @@ def _wheels(signals: Mapping[str, Signal]) -> Iterable[tuple[str, Signal]]:
         if name in signals:
             signal = signals[name]
             for i, side in enumerate(WHEELS):
-                yield f"wheels/velocity/{side}/{role}", Signal(signal.t_ns, signal.values[:, i : i + 1])
+                yield f"wheels/velocity_rad_per_s/{side}/{role}", Signal(signal.t_ns, signal.values[:, i : i + 1])
 
 
 def _scaled(signal: Signal, scale: float) -> Signal:

@@ -22,7 +22,7 @@ FULL_PERCENT = 97.0
 _WITNESS = "fault"  # the injector's own events are not evidence: a real fault does not announce itself
 _MOVING = ("idle", "executing")
 _SYNC_EMCY, _CONSUMER_EMCY = "EMCY 87", "EMCY 81"
-_SERIES = ("bus/load_percent", "tcp/error_mm", "joints/share", "joints/velocity_share", "planner/path_scale")
+_SERIES = ("bus/load_percent", "tcp/error_mm", "joints/position_share", "joints/velocity_share", "planner/path_scale_1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ def _limit(found: Evidence, event: Event) -> str:
     if event.source not in found.joints:
         return ""
     column = found.joints.index(event.source)
-    share, speed = (found.value_at(f"joints/{name}", event.t_ns) for name in ("share", "velocity_share"))
+    share, speed = (found.value_at(f"joints/{name}", event.t_ns) for name in ("position_share", "velocity_share"))
     parts = []
     if share is not None and abs(share[column]) > 0.95:
         parts.append(f"at {100 * abs(share[column]):.0f} % of its {'upper' if share[column] > 0 else 'lower'} limit")
@@ -177,12 +177,12 @@ def _before(found: Evidence, t_ns: int) -> Iterable[str]:
         state = found.state_at(lane, t_ns)
         if state is not None:
             yield f"{lane:<21} {state}"
-    error, scale = found.value_at("tcp/error_mm", t_ns), found.value_at("planner/path_scale", t_ns)
+    error, scale = found.value_at("tcp/error_mm", t_ns), found.value_at("planner/path_scale_1", t_ns)
     if error is not None:
         yield f"{'TCP error':<21} {error[0]:.2f} mm"
     if scale is not None:
         yield f"{'path scale':<21} {scale[0]:.2f}"
-    share = found.value_at("joints/share", t_ns)
+    share = found.value_at("joints/position_share", t_ns)
     if share is not None and found.joints:
         nearest = int(np.argmax(np.abs(share)))
         yield f"{'nearest to a limit':<21} {found.joints[nearest]}, {100 * abs(share[nearest]):.0f} % of the way from the middle"
@@ -220,7 +220,7 @@ def read_evidence(path: Path) -> Evidence:
     try:
         for chunk in RrdReader(str(path)).stream():
             entity = str(chunk.entity_path).lstrip("/")
-            if entity == "joints/share" and chunk.is_static:
+            if entity == "joints/position_share" and chunk.is_static:
                 joints = tuple(chunk.to_record_batch().column("SeriesLines:names").to_pylist()[0])
             elif not chunk.is_static and (entity == "events" or entity in _SERIES or entity.startswith("states/")):
                 _take(entity, chunk.to_record_batch(), events, states, series)

@@ -120,10 +120,10 @@ def plots_of(
         Curve("minimise", ways.least.t, ways.least.multiplier, _COLORS[1]),
     )
     return (
-        Plot("Manipulability H", measure),
+        Plot("Manipulability H [SI]", measure),
         Plot("Bounded joint, all four [°]", second, limits=limits),
         *(_margin_plot(name, t_s, margins_of[name]) for name, t_s, _ in rows),
-        Plot("Multiplier of the limit, tracker", multipliers, limits=(0.0,), tab=MARGINS_TAB),
+        Plot("Multiplier of the limit, tracker [SI]", multipliers, limits=(0.0,), tab=MARGINS_TAB),
     )
 
 
@@ -131,7 +131,7 @@ def _margin_plot(name: str, t_s: Vector, margins: Sequence[Margins]) -> Plot:
     curves = tuple(
         Curve(short, t_s, np.array([m.of(kind) for m in margins]), color) for kind, (short, color, _) in _KINDS.items()
     )
-    return Plot(f"Singularity margins, {name}", curves, limits=(NEAR,), span=(-0.02, 1.02), tab=MARGINS_TAB)
+    return Plot(f"Singularity margins, {name} [1]", curves, limits=(NEAR,), span=(-0.02, 1.02), tab=MARGINS_TAB)
 
 
 def states_of(ways: Ways, margins_of: Mapping[str, Sequence[Margins]]) -> tuple[StateChange, ...]:

@@ -35,7 +35,7 @@ def wrist_plots(
             legend=False,
         ),
         Plot(
-            "Time scaling ϑ",
+            "Time scaling ϑ [1]",
             (Curve("ϑ", t_s, theta, palette.VIOLET),),
             span=(-0.05, 1.05),
             legend=False,

@@ -71,7 +71,7 @@ def test_runs_are_aligned_at_the_begin_of_their_first_motion(
     speeds = {}
     for chunk in RrdReader(str(compared)).stream():
         name = str(chunk.entity_path).lstrip("/")
-        if name.endswith("/platform_v") and not chunk.is_static:
+        if name.endswith("/platform_v_m_per_s") and not chunk.is_static:
             batch = chunk.to_record_batch()
             t_s = batch.column(TASK_TIME).to_numpy(zero_copy_only=False).astype(np.int64) * 1e-9
             speeds.setdefault(name[0], []).extend(zip(t_s, batch.column("Scalars:scalars").flatten(), strict=True))

@@ -108,9 +108,9 @@ def test_the_recording_has_robot_paths_plots_states_and_events(shipped: Outcome)
     entities = {str(chunk.entity_path) for chunk in RrdReader(shipped.directory / "run.rrd").stream()}
     for needed in (
         "/world/path", "/world/trail", "/world/tool", "/world/commanded", "/tf/joints/joint_4", "/states/method", "/states/status",
-        "/events", "/plots/orientation_error/00", "/plots/translation_error/00", "/plots/time_scaling_ϑ/00",
-        "/plots/velocities_optimised/03", "/plots/velocities_optimised/limits", "/plots/velocities_closed_form/03",
-        "/plots/joint_4/00", "/plots/joint_4/01",
+        "/events", "/plots/orientation_error_deg/00", "/plots/translation_error_um/00", "/plots/time_scaling_ϑ_1/00",
+        "/plots/velocities_optimised_share/03", "/plots/velocities_optimised_share/limits", "/plots/velocities_closed_form_share/03",
+        "/plots/joint_4_rad/00", "/plots/joint_4_rad/01",
     ):  # fmt: skip
         assert any(entity.replace("\\\\", "") == needed for entity in entities), needed
 

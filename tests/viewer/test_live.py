@@ -33,7 +33,7 @@ def test_a_run_streams_into_a_viewer_that_listens_and_saves_the_file_all_the_sam
         assert spread(viewer.picture("TCP error [mm]")) > 2.0
         assert viewer.complaints() == []
     saved = read_recording(tmp_path / "run.rrd")
-    assert saved.series["joints/position/actual"].t_ns[-1] > 3.9e9
+    assert saved.series["joints/position_rad_or_m/actual"].t_ns[-1] > 3.9e9
 
 
 def test_a_viewer_that_is_closed_in_mid_run_costs_the_recording_nothing(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_a_viewer_that_is_closed_in_mid_run_costs_the_recording_nothing(tmp_path
     assert run.log.recorder_fault is None
     assert not is_torn(tmp_path / "run.rrd")
     assert "the viewer is gone" in (tmp_path / "events.log").read_text()
-    assert read_recording(tmp_path / "run.rrd").series["joints/position/actual"].t_ns[-1] > 7.9e9
+    assert read_recording(tmp_path / "run.rrd").series["joints/position_rad_or_m/actual"].t_ns[-1] > 7.9e9
 
 
 def test_frames_are_the_same_with_a_viewer_with_a_file_and_with_nothing(tmp_path: Path) -> None:

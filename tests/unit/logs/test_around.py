@@ -60,8 +60,8 @@ def test_without_door_and_person_the_metrics_are_there_and_empty() -> None:
 def test_curves_are_in_degrees_or_millimetres() -> None:
     for kind, end in (("hinged", 180.0 / np.pi), ("sliding", 1000.0)):
         values = dict(around_values(signals(), Around(door=kind)))  # type: ignore[arg-type]
-        assert values["door/opening"].values[-1] == pytest.approx(end)
-        assert values["hand/force"].values.max() == pytest.approx(20.0)
+        assert values["door/opening_deg" if kind == "hinged" else "door/opening_mm"].values[-1] == pytest.approx(end)
+        assert values["hand/force_N"].values.max() == pytest.approx(20.0)
 
 
 def test_the_recording_shows_bodies_at_their_poses_and_forces_as_arrows(tmp_path: Path) -> None:
@@ -96,5 +96,11 @@ def test_the_recording_shows_bodies_at_their_poses_and_forces_as_arrows(tmp_path
     assert last["world/around/2_red_cup at"][0] == pytest.approx(2.0, abs=0.05)
     assert rows["world/around/2_red_cup"] == pytest.approx(2.0 * 25, abs=3)
     assert last["world/force/gripper arrow"] == pytest.approx(FORCE_SCALE * np.array([1.0, -2.0, -3.0]))
-    for path_of_curve in ("door/opening", "door/handle_force", "hand/force", "world/around/hand", "world/force/hand"):
+    for path_of_curve in (
+        "door/opening_deg",
+        "door/handle_force_N",
+        "hand/force_N",
+        "world/around/hand",
+        "world/force/hand",
+    ):
         assert rows[path_of_curve] > 10

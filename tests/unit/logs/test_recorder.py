@@ -59,7 +59,7 @@ def test_robot_paths_and_ellipsoids_are_there(recorded: Path) -> None:
 def test_values_and_timelines_come_back_exactly(recorded: Path, table: SignalTable) -> None:
     times, cycles, values = [], [], []
     for chunk in RrdReader(str(recorded / "run.rrd")).stream():
-        if str(chunk.entity_path) == "/joints/position/actual" and not chunk.is_static:
+        if str(chunk.entity_path) == "/joints/position_rad_or_m/actual" and not chunk.is_static:
             batch = chunk.to_record_batch()
             times += batch["sim_time"].cast(pa.int64()).to_pylist()
             cycles += batch["arm_cycle"].to_pylist()
@@ -141,7 +141,7 @@ def test_a_disk_that_fills_up_in_mid_run_leaves_what_was_written(tmp_path: Path)
     assert 1 <= int(blocks) < 5
     assert (tmp_path / "events.log").read_text().count("recording ended") == 1
     assert optimise(tmp_path / "run.rrd")
-    assert _rows(tmp_path / "run.rrd")["joints/position/actual"] >= 100 * int(blocks) - 2
+    assert _rows(tmp_path / "run.rrd")["joints/position_rad_or_m/actual"] >= 100 * int(blocks) - 2
 
 
 def test_a_folder_that_is_not_there_costs_the_recording_not_the_run(run: Motion, tmp_path: Path) -> None:
@@ -177,9 +177,9 @@ def test_a_killed_process_leaves_a_readable_file(tmp_path: Path) -> None:
         process.kill()
     assert said == "written\n"
     with pytest.warns(RerunWarning, match="no footer"):
-        assert _rows(tmp_path / "run.rrd")["joints/position/actual"] >= 300
+        assert _rows(tmp_path / "run.rrd")["joints/position_rad_or_m/actual"] >= 300
     assert optimise(tmp_path / "run.rrd")
-    assert _rows(tmp_path / "run.rrd")["joints/position/actual"] >= 300
+    assert _rows(tmp_path / "run.rrd")["joints/position_rad_or_m/actual"] >= 300
     assert (tmp_path / "events.log").read_text().endswith("\n")
 
 
@@ -213,7 +213,14 @@ def test_a_minimal_recording_is_smaller_and_has_what_the_overview_shows(run: Mot
     rows = {detail: _rows(tmp_path / detail.value / "run.rrd") for detail in Detail}
     assert any(path.startswith("can/") for path in rows[Detail.FULL])
     assert not any(path.startswith("can/") for path in rows[Detail.MINIMAL])
-    for path in ("tcp/error_mm", "joints/share", "platform/v/true", "tf/platform", "events", "states/planner/phase"):
+    for path in (
+        "tcp/error_mm",
+        "joints/position_share",
+        "platform/v_m_per_s/true",
+        "tf/platform",
+        "events",
+        "states/planner/phase",
+    ):
         assert rows[Detail.MINIMAL][path] == rows[Detail.FULL][path] > 1, path
     full, minimal = ((tmp_path / name / "run.rrd").stat().st_size for name in ("full", "minimal"))
     assert minimal < 0.5 * full
@@ -228,10 +235,10 @@ def test_a_run_in_real_time_has_its_wall_clock(run: Motion, tmp_path: Path) -> N
     play(run, log.on_frame, log.on_truth)
     log.close()
     for chunk in RrdReader(str(tmp_path / "run.rrd")).stream():
-        if str(chunk.entity_path) == "/joints/share" and not chunk.is_static:
+        if str(chunk.entity_path) == "/joints/position_share" and not chunk.is_static:
             batch = chunk.to_record_batch()
             t_ns = np.array(batch["sim_time"].cast(pa.int64()).to_pylist())
             wall_ns = np.array(batch["wall_clock"].cast(pa.int64()).to_pylist())
             assert np.all(wall_ns == epoch_ns + 2 * t_ns)
             return
-    pytest.fail("no joints/share")
+    pytest.fail("no joints/position_share")
