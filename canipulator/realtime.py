@@ -63,7 +63,7 @@ SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, Master
 SIM_CATCH_UP_NS = 100_000_000
 SIM_GRAIN_NS = 1_000_000
 """Physics alone in its process is woken up by its own step only, and by frames; its other timers go along with that."""
-LOG_FLUSH_NS = 20_000_000
+LOG_FLUSH_NS = 8_000_000
 """So long may a line of the bus log wait: a system call for every cycle would cost more than the lines."""
 
 

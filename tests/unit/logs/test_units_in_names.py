@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from logs.around import Around, around_series
 from logs.comparison_blueprint import PLOTS, joint_plots
 from logs.kinematic_recorder import _named_with_unit
 from logs.plots import all_series
+from logs.recording_reader import read_recording
 from stack.kinematics import ArmModel
 
 UNIT = re.compile(
@@ -24,6 +26,13 @@ def test_every_plotted_entity_of_a_run(around: Around) -> None:
     paths = [series.path for series in all_series(arm.joint_names)] + [path for path, _, _ in around_series(around)]
     assert len(paths) > 40
     assert [path for path in paths if not UNIT.search(path)] == []
+
+
+def test_every_entity_with_numbers_that_is_in_a_recording(recorded: Path) -> None:
+    """What is left out are poses: `tf/…` and the robot's frame of reference."""
+    names = [name for name in read_recording(recorded / "run.rrd").series if not name.startswith(("tf/", "world/"))]
+    assert len(names) > 30
+    assert [name for name in names if not UNIT.search(name)] == []
 
 
 def test_every_plotted_entity_of_a_comparison() -> None:
