@@ -6,7 +6,7 @@ STAMP := .venv/.ready
 JOBS ?= auto
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test faults check bench golden lock clean
+.PHONY: help setup run test faults lint check bench golden lock clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -31,10 +31,12 @@ test: $(STAMP)  ## sets up, then runs every test; those that live in real time b
 faults: $(STAMP)  ## the long part of the tests: faults in every task, 200,000 strange frames, 50 kills, more doors and hands
 	@$(BIN)/python -m pytest -q -n $(JOBS) --dist loadgroup -m faults
 
-check: $(STAMP)  ## format, lint, types, import contracts, fast tests: under a minute
+lint: $(STAMP)  ## format, lint, import contracts, types
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
 	@$(BIN)/lint-imports
 	@$(BIN)/mypy
+
+check: lint  ## lint, and the fast tests: under a minute
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -q --hypothesis-profile=quick -m "not slow and not socketcan and not viewer and not faults"
 
 bench: $(STAMP)  ## each hot path as a ratio against a stated reference
