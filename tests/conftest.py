@@ -6,6 +6,7 @@ skipped, and say why.
 
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,10 @@ settings.load_profile("canipulator")
 # One solver thread: the same bits on every machine, and no fight for cores between test processes.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# A shell that starts a job in the background has it ignore Ctrl-C, and so does everything that the job starts: not what is tested here.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _NEEDS = {
     "socketcan": (
