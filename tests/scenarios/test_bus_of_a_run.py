@@ -16,7 +16,7 @@ from drivers.frame import bit_length
 from logs.bus_log import read_bus_log
 from tests.scenarios.conftest import Runner
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("door")]
 
 ROOT = Path(__file__).parents[2]
 SHORT_S = 3.0

@@ -75,7 +75,7 @@ def test_the_tcp_went_where_the_hand_went(standard: Watched) -> None:
     np.testing.assert_allclose(way[-60], [0.08, 0.0, 0.06], atol=0.01)
 
 
-@pytest.mark.parametrize("stiffness", [200.0, pytest.param(1000.0, marks=pytest.mark.faults), 5000.0])
+@pytest.mark.parametrize("stiffness", [*(pytest.param(k, marks=pytest.mark.faults) for k in (200.0, 1000.0)), 5000.0])
 def test_soft_and_stiff_hands_feel_at_most_25_newtons_and_come_to_rest(tmp_path: Path, stiffness: float) -> None:
     """No limit cycle: once the hand rests, force and TCP swing less and less, and by less than half a newton and a millimetre."""
     seen = watch(tmp_path / "run", f"person.stiffness_n_m={stiffness}", "step.0.duration_s=22.0", "duration_s=25.0")

@@ -5,7 +5,7 @@ import pytest
 from canipulator.run import Outcome
 from tests.scenarios.conftest import Runner, run
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("hand-over")]
 
 
 @pytest.fixture(scope="module")

@@ -20,11 +20,3 @@ def test_drive_square_comes_back(runner: Runner) -> None:
     assert outcome.exit_code == 0
     assert outcome.metrics["platform_turn_rad"] == pytest.approx(6.283, abs=0.05)
     assert max(map(abs, outcome.metrics["joint_travel"].values())) < 0.002
-
-
-def test_with_slip_the_square_does_not_close(runner: Runner) -> None:
-    outcome = runner("drive-square", "slip.sigma=0.05")
-    assert outcome.exit_code == 1
-    verdicts = {verdict["name"]: verdict["ok"] for verdict in outcome.metrics["expectations"]}
-    assert not verdicts["platform_return_error_m"]
-    assert verdicts["limit_violations.position"]
