@@ -8,16 +8,15 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 
 import click
 
 from canipulator.collector import collector_off
 from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
+from canipulator.ending import ended_by
 from canipulator.judging import check_expectations, check_scenario, run_info
 from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
@@ -97,11 +96,11 @@ def run_on_wire(
         directory = run_directory(name, options)
         (directory / "scenario.toml").write_text(dump_scenario(scenario), encoding="utf-8")
         with WireRun(scenario, robot, options, wire, directory, bus) as run:
-            ended_by = run.go()
-        outcome = report(run, judged=options.duration_s is None and ended_by is None)
-    if ended_by == signal.SIGINT:
+            signalled = run.go()
+        outcome = report(run, judged=options.duration_s is None and signalled is None)
+    if signalled == signal.SIGINT:
         raise KeyboardInterrupt
-    return outcome if ended_by is None else Outcome(directory, outcome.metrics, 128 + ended_by)
+    return outcome if signalled is None else Outcome(directory, outcome.metrics, 128 + signalled)
 
 
 class WireRun:
@@ -141,7 +140,6 @@ class WireRun:
         self._events: EventLog | None = None
         self._ended_ns: int | None = None
         self._began_ns = self._report_ns = 0
-        self._signal: int | None = None
         self._forgotten = False
         self.bus_log = BusLogWriter(
             directory / "bus.log", clock=self.clock, flush_ns=LOG_FLUSH_NS, on_error=self._on_log_error
@@ -206,18 +204,23 @@ class WireRun:
         self._began_ns = began_ns = self.clock.now_ns()
         end_ns = None if self.options.duration_s is None else began_ns + round(1e9 * self.options.duration_s)
         self._report_ns = began_ns + REPORT_NS
-        with collector_off(), undisturbed(), self._signals(), self._shown():
+        with (
+            collector_off(),
+            undisturbed(),
+            ended_by(signal.SIGINT, signal.SIGTERM, at_once=self.clock.stop) as ending,
+            self._shown(),
+        ):
             self.power_on()
-            while self._signal is None and not self._done(self.clock.now_ns()):
+            while ending.signal is None and not self._done(self.clock.now_ns()):
                 now_ns = self.clock.now_ns()
                 if end_ns is not None and now_ns >= end_ns:
                     break
                 self.clock.run_until(now_ns + CHUNK_NS if end_ns is None else min(now_ns + CHUNK_NS, end_ns))
                 self._look()
         self.elapsed_s = (self.clock.now_ns() - began_ns) * 1e-9
-        if self._signal is not None:
-            self._on_event(Level.WARN, "run", "interrupted" if self._signal == signal.SIGINT else "told to end")
-        return self._signal
+        if ending.signal is not None:
+            self._on_event(Level.WARN, "run", "interrupted" if ending.signal == signal.SIGINT else "told to end")
+        return ending.signal
 
     def _shown(self) -> contextlib.AbstractContextManager[None]:
         """The dashboard, where one is wanted: events go there then."""
@@ -353,18 +356,3 @@ class WireRun:
     def platform_ratio(self) -> int:
         """Arm cycles in a platform cycle."""
         return round(self.scenario.planner.arm_cycle_hz / self.scenario.planner.platform_cycle_hz)
-
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """Ctrl-C and SIGTERM end the loop between two events rather than in the middle of one."""
-
-        def stop(number: int, _: FrameType | None) -> None:
-            self._signal = number
-            self.clock.stop()
-
-        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)

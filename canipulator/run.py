@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from canipulator.collector import collector_off
 from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
+from canipulator.ending import ended_by
 from canipulator.fault_effects import Parts
 from canipulator.fault_injection import FAULT_LOG, FaultInjector
 from canipulator.judging import OWN_METRICS, check_expectations, check_scenario, overload, run_info
@@ -130,19 +132,21 @@ class LockstepRun:
         began = time.perf_counter()
         try:
             with (
+                ended_by(signal.SIGINT) as ending,
                 collector_off(),
                 self._run_until() as run_until,
                 self._shown(end_ns) as advance,
             ):
-                while (now_ns := self.clock.now_ns()) < end_ns and not self._done():
+                while ending.signal is None and (now_ns := self.clock.now_ns()) < end_ns and not self._done():
                     run_until(min(now_ns + CHUNK_NS, end_ns))
                     self._advance(advance)
-        except KeyboardInterrupt:
+            interrupted = ending.signal is not None
+        except KeyboardInterrupt:  # the second Ctrl-C, or one that a test sends
+            interrupted = True
+        self.wall_s = time.perf_counter() - began
+        if interrupted:
             self._on_event(Level.WARN, "run", "interrupted")
-            return True
-        finally:
-            self.wall_s = time.perf_counter() - began
-        return False
+        return interrupted
 
     def power_on(self) -> None:
         """Boots every node; from here on the clock moves everything."""

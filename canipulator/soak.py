@@ -131,7 +131,8 @@ def run_case(case: Case) -> Failure | None:
                     )
 
                 world.step = watched  # type: ignore[method-assign]
-                run.go()
+                if run.go():
+                    raise KeyboardInterrupt
                 now_s = run.clock.now_ns() * 1e-9
             run.metrics(judged=False)
             for _ in read_bus_log(Path(folder) / "bus.log"):
