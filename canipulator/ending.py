@@ -22,6 +22,8 @@ class Ending:
 def ended_by(*numbers: signal.Signals, at_once: Callable[[], None] | None = None) -> Iterator[Ending]:
     """While open, the first signal of `numbers` is only noted (and `at_once` called); a second one does what it did before.
 
+    A signal that is ignored (a script's background job and Ctrl-C) stays ignored.
+
     Where an event counts a frame in one place and logs it in another, no signal comes between the two. Outside the main thread,
     which alone gets signals, nothing is changed.
     """
@@ -40,7 +42,8 @@ def ended_by(*numbers: signal.Signals, at_once: Callable[[], None] | None = None
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    before = {number: signal.signal(number, note) for number in numbers}
+    heard = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, note) for number in heard}
     try:
         yield ending
     finally:

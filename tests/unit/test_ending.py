@@ -47,3 +47,13 @@ def test_nothing_is_touched_outside_the_main_thread() -> None:
     thread.start()
     thread.join()
     assert seen == [before]
+
+
+def test_an_ignored_signal_stays_ignored() -> None:
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with ended_by(signal.SIGTERM) as ending:
+            signal.raise_signal(signal.SIGTERM)
+        assert ending.signal is None
+    finally:
+        signal.signal(signal.SIGTERM, before)
