@@ -214,6 +214,7 @@ def test_garbage_hurts_nobody(server: SocketcandServer) -> None:
     until(lambda: server.statistics().garbage > 3)
 
 
+@pytest.mark.slow
 def test_answers_to_one_who_never_reads_are_bounded(server: SocketcandServer) -> None:
     with plain(server, b"< open can0 >") as deaf, client(server) as bus:
         deaf.settimeout(0.2)

@@ -23,7 +23,13 @@ def unpacked(name: str, folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", golden_names())
+_FAST = ("sliding-door", "hold-still")
+"""What `make check` replays; `make test` replays all."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in _FAST else pytest.mark.slow) for name in golden_names()]
+)
 def test_the_planner_sends_what_it_sent_when_this_was_recorded(name: str, tmp_path: Path) -> None:
     assert (FOLDER / name / "bus.log.xz").is_file(), f"no golden run of {name}: make golden"
     scenario, frames = read_run(unpacked(name, tmp_path))

@@ -135,6 +135,7 @@ def test_more_joints_at_their_limits_than_the_null_space_has_room_for() -> None:
     assert degraded > 20
 
 
+@pytest.mark.slow
 @given(seed=seeds)
 def test_no_jump_when_joints_enter_and_leave_their_zones(arm: ArmModel, seed: int) -> None:
     """Along a line through several zones the largest change of velocity shrinks with the step."""

@@ -39,6 +39,7 @@ def random_problem(rng: np.random.Generator, *, identity: bool = False) -> Probl
     )
 
 
+@pytest.mark.slow
 def test_a_thousand_random_problems() -> None:
     rng = np.random.default_rng(1)
     compared = 0

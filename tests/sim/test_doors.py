@@ -140,6 +140,7 @@ def test_a_closer_shuts_the_door_and_damping_makes_it_slow(physics: Physics) -> 
     assert ways[1] > ways[0] + 0.3
 
 
+@pytest.mark.slow
 def test_a_spring_that_holds_against_a_force_shows_its_moment(physics: Physics) -> None:
     door = Door(physics, replace(HINGED, friction=0.0, damping=25.0, closer_stiffness=10.0, closer_preload=2.0))
     run(door, physics, 25_000, along=10.0)  # 8 N·m = 2 + 10 · 0.6
@@ -275,6 +276,7 @@ def test_too_strong_a_pull_tears_the_bar_out_of_the_hand(rig: Callable[..., Any]
     assert largest <= strength
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_with_a_door_in_the_hand() -> None:
     def end() -> bytes:
         world = World(URDF, WorldParameters(surroundings=SurroundingsParameters(door=HINGED)), seed=5)

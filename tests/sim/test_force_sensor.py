@@ -16,6 +16,8 @@ from sim.slip import SlipParameters
 from sim.world import WorldParameters
 from stack.messages import Matrix, Vector
 
+pytestmark = pytest.mark.slow
+
 GRIPPER_KG = 1.0  # robot.urdf
 CENTRE_E = np.array([0.0, 0.0, 0.10])  # of the gripper's mass, from the TCP
 WEIGHT_W = np.array([0.0, 0.0, -9.81 * GRIPPER_KG])

@@ -17,6 +17,8 @@ from sim.world import WorldParameters
 from stack.kinematics.position import solve_position
 from stack.messages import Gripper, GripperPhase
 
+pytestmark = pytest.mark.slow
+
 SOLID = PhysicsParameters(gripper_touches=True, links_touch=True)
 TOP = 0.72
 TABLE = Obstacle.table("table", (0.6, 0.8, TOP), (0.95, 0.0))

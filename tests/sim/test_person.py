@@ -15,6 +15,8 @@ from sim.slip import SlipParameters
 from sim.surroundings import SurroundingsParameters
 from sim.world import WorldParameters
 
+pytestmark = pytest.mark.slow
+
 STEP_S = 1e-3
 
 

@@ -108,6 +108,7 @@ def test_sine_on_all_joints_is_tracked_with_inverse_dynamics(rig: Callable[..., 
     assert max(hand) < 0.6e-3
 
 
+@pytest.mark.slow
 def test_straight_and_turn_agree_with_odometry(rig: Callable[..., Any]) -> None:
     one = rig()
     physics = one.world.physics

@@ -93,6 +93,7 @@ def test_it_gets_the_abort_codes(foreign: Foreign) -> None:
         assert refused.value.code == code
 
 
+@pytest.mark.slow
 def test_every_object_of_the_eds_can_be_read_or_says_why_not(foreign: Foreign) -> None:
     node = foreign.node
     refusals = set()

@@ -276,6 +276,7 @@ def test_nothing_gets_through_that_is_outside_its_limits(stream: list[tuple[byte
             last = target
 
 
+@pytest.mark.slow
 def test_no_line_and_no_branch_of_the_gate_goes_untried(tmp_path: Path) -> None:
     """This file, run by itself under measurement."""
     import subprocess

@@ -203,6 +203,7 @@ def test_optimise_leaves_alone_what_is_no_recording(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 def test_a_minimal_recording_is_smaller_and_has_what_the_overview_shows(run: Motion, tmp_path: Path) -> None:
     for detail in Detail:
         (tmp_path / detail.value).mkdir()
@@ -226,6 +227,7 @@ def test_a_minimal_recording_is_smaller_and_has_what_the_overview_shows(run: Mot
     assert minimal < 0.5 * full
 
 
+@pytest.mark.slow
 def test_a_run_in_real_time_has_its_wall_clock(run: Motion, tmp_path: Path) -> None:
     epoch_ns = 1_790_000_000_000_000_000
     info = RunInfo("test", wall_clock=WallClock(epoch_ns, 0.5))

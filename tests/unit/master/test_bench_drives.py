@@ -17,6 +17,8 @@ from drivers.cia402.drive_units import ACCELERATIONS, NO_LIMIT, POSITIONS, VELOC
 from drivers.cia402.phases import EventKind, MasterPhase
 from drivers.objects import Access, DataType, DeviceDef, ObjectDef
 
+pytestmark = pytest.mark.slow
+
 MakeCell = Callable[..., Any]
 TABLE = devices()
 ELBOW, LIFT, WHEEL = 25, 22, 11

@@ -16,6 +16,8 @@ from stack.planner.parameters import Method
 from stack.planner.tracking import arm_in_odometry
 from tests.unit.planner.plant import ROBOT, Loop, parameters
 
+pytestmark = pytest.mark.slow
+
 ARM, LIMITS, PARAMETERS = ROBOT.arm, ROBOT.limits, parameters()
 BASE = np.array([0.15, 0.0, 0.35])
 BODIES = BodyDistances(ARM)

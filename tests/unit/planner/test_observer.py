@@ -72,6 +72,7 @@ def error_states(drift: DriftEstimate, moment: Moment) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 def test_it_is_as_sure_as_it_says() -> None:
     """Normalised estimation error squared (Bar-Shalom, Li, Kirubarajan 2001, 5.4) over independent runs: 8 and 2 on average."""
     whole, of_slip = [], []
@@ -242,6 +243,7 @@ def test_an_arc_is_found_again_from_its_ends(way: float, turn: float, heading: f
     assert arc_between(*start, *advance(start, way, turn)) == pytest.approx((way, turn), abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("true", "begin"), [(0.04, 0.01), (0.01, 0.03)])
 def test_how_much_the_wheels_slip_is_learned(true: float, begin: float) -> None:
     random, model = np.random.default_rng(2), SlipModel(sigma=begin, learning_s=5.0)
