@@ -6,10 +6,9 @@ from typing import Literal
 
 import numpy as np
 
+from config.door import door_parameters
 from config.scenario import Scenario
 from config.surroundings import (
-    DOOR_DEFAULTS,
-    DoorTable,
     FurnitureTable,
     GripperTable,
     ObjectTable,
@@ -18,7 +17,7 @@ from config.surroundings import (
 )
 from logs import palette
 from logs.around import Around, Body, Part
-from sim.doors import DoorKind, DoorParameters, HandleGrasp
+from sim.door_parameters import DoorParameters
 from sim.grasping import PadParameters
 from sim.gripper import GripperParameters
 from sim.obstacles import ObjectParameters, ObjectShape, Obstacle
@@ -31,7 +30,7 @@ def surroundings(scenario: Scenario) -> SurroundingsParameters:
     """Everything around the robot of `scenario`."""
     return SurroundingsParameters(
         gripper=_gripper(scenario.gripper),
-        door=None if scenario.door is None else _door(scenario.door),
+        door=None if scenario.door is None else door_parameters(scenario.door),
         person=None if scenario.person is None else _person(scenario.person, scenario.seed),
         obstacles=(*map(_table, scenario.table), *map(_wall, scenario.wall)),
         objects=tuple(map(_object, scenario.object)),
@@ -65,37 +64,6 @@ def _door_body(door: DoorParameters) -> Body:
     bar = Part((2 * door.bar_radius, 2 * door.bar_radius, door.bar_length), bar_at, palette.COMMANDED, "cylinder")
     arms = (Part((0.015, door.standoff, 0.015), (bar_at[0], y, z), palette.COMMANDED) for z in stubs)
     return Body("door", (Part(size, middle, (120, 134, 158)), bar, *arms), door.frame(), 0)
-
-
-def _door(table: DoorTable) -> DoorParameters:
-    default = DOOR_DEFAULTS[table.kind]
-
-    def value(name: str) -> float:
-        given: float | None = getattr(table, name)
-        return default[name] if given is None else given
-
-    hinged = table.kind == "hinged"
-    return DoorParameters(
-        DoorKind(table.kind),
-        handle=table.handle_m,
-        heading=table.heading_rad,
-        side=1 if hinged == (table.side == "right") else -1,
-        across=value("radius_m") if hinged else value("width_m"),
-        height=table.height_m,
-        thickness=table.thickness_m,
-        mass=value("mass_kg"),
-        travel=value("travel"),
-        start=table.start,
-        friction=value("friction"),
-        damping=value("damping"),
-        closer_stiffness=table.closer_stiffness,
-        closer_preload=table.closer_preload,
-        catch=table.catch,
-        catch_width=table.catch_width,
-        standoff=table.standoff_m,
-        bar_length=table.bar_length_m,
-        grasp=HandleGrasp(table.grasp),
-    )
 
 
 def _person(table: PersonTable, seed: int) -> PersonParameters:

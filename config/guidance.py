@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from config.table import Finite, NotNegative, Positive, Table, Vector3
-from stack.strategic.door import DoorGuess, Pull, PullDoor
+from stack.strategic.door import DoorGuess, LeafObjects, Pull, PullDoor
 from stack.strategic.fence import Fence
 from stack.strategic.force_guidance import Admittance, Pair, Tool
 from stack.strategic.guide import Guide
@@ -110,8 +110,8 @@ def admittance(table: GuidanceTable) -> Admittance:
     )
 
 
-def pull_door(table: DoorStepTable) -> PullDoor:
-    """The motion of a step of kind `door`."""
+def pull_door(table: DoorStepTable, leaf: LeafObjects | None) -> PullDoor:
+    """The motion of a step of kind `door`; `leaf`: where the planner hears of the hinge."""
     guess = DoorGuess(table.radius_m, np.array(table.hinge_direction), np.array(table.axis))
     pull = Pull(
         angle=table.angle_rad,
@@ -120,4 +120,4 @@ def pull_door(table: DoorStepTable) -> PullDoor:
         follow=table.follow,
         identify=table.identification,
     )
-    return PullDoor(guess, pull)
+    return PullDoor(guess, pull, leaf=leaf)

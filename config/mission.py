@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from config.door import LEAF_OBJECTS, grip_writes, leaf_writes
 from config.errors import ConfigError
 from config.guidance import GuidanceTable, guide, pull_door
 from config.platform_path import path_writes
@@ -18,8 +19,9 @@ from stack.kinematics.arm import ArmModel
 from stack.kinematics.posture import best_posture
 from stack.messages import Gripper, Matrix, Mode, Vector
 from stack.planner.parameters import Coordination, Method
-from stack.strategic.mission import Mission, ParameterWrite, Step
-from stack.strategic.motion import Motion
+from stack.strategic.door import LeafObjects
+from stack.strategic.mission import Mission, Step
+from stack.strategic.motion import Motion, ParameterWrite
 from stack.strategic.point_to_point import Choose
 from stack.strategic.profile import RampProfile
 from stack.strategic.profiled import Drive, Grip, Line, Turn, Wait
@@ -58,10 +60,10 @@ def build_mission(scenario: Scenario, arm: ArmModel, choose: Choose | None = Non
     )
     where = "cases" if str(planner.case) in scenario.cases else "preferences"
     preferences = tuple(_writes(scenario.case_preferences(), joints, f"{scenario.name}: {where}"))
-    steps = tuple(_step(step, arm, choose, f"{scenario.name}: step {i}") for i, step in enumerate(scenario.step))
+    steps = tuple(_step(scenario, i, arm, choose) for i in range(len(scenario.step)))
     if not steps:
         raise ConfigError(f"{scenario.name}: step is empty; a scenario needs at least one [[step]]")
-    around = tuple(_obstacles(scenario)) if planner.collision_avoidance else ()
+    around = (*_obstacles(scenario), *leaf_writes(scenario)) if planner.collision_avoidance else ()
     writes = choices + preferences + around + tuple(path_writes(scenario.platform_path))
     return Mission(steps, writes, None if scenario.recovery is None else scenario.recovery.build())
 
@@ -89,12 +91,15 @@ def _slip_writes(scenario: Scenario) -> Iterator[ParameterWrite]:
         yield ParameterWrite(slip_table.SLIP_MODEL, i, value)
 
 
-def _step(step: StepTable, arm: ArmModel, choose: Choose | None, where: str) -> Step:
+def _step(scenario: Scenario, i: int, arm: ArmModel, choose: Choose | None) -> Step:
+    step, where = scenario.step[i], f"{scenario.name}: step {i}"
+    clear = scenario.planner.collision_avoidance
+    wishes = () if step.preferences is None else tuple(_writes(step.preferences, arm.n, where))
     return Step(
         name=step.name,
         mode=Mode[step.mode.upper()],
-        motion=_motion(step, arm, choose or plain_choice(arm), where),
-        writes=() if step.preferences is None else tuple(_writes(step.preferences, arm.n, where)),
+        motion=_motion(step, arm, choose or plain_choice(arm), where, LEAF_OBJECTS if clear else None),
+        writes=(*wishes, *(grip_writes(scenario, step) if clear else ())),
         reads_joints=step.kind == "joints",
     )
 
@@ -109,7 +114,7 @@ def plain_choice(arm: ArmModel) -> Choose:
     return choose
 
 
-def _motion(step: StepTable, arm: ArmModel, choose: Choose, where: str) -> Motion:
+def _motion(step: StepTable, arm: ArmModel, choose: Choose, where: str, leaf: LeafObjects | None) -> Motion:
     """What the step does; its table has been checked for what its kind needs."""
     match step.kind:
         case "wait":
@@ -137,7 +142,7 @@ def _motion(step: StepTable, arm: ArmModel, choose: Choose, where: str) -> Motio
             return guide(step.guidance or GuidanceTable(), step.duration_s)
         case "door":
             assert step.pull is not None
-            return pull_door(step.pull)
+            return pull_door(step.pull, leaf)
 
 
 def _profile(length: float | None, speed: float | None, ramp_s: float) -> RampProfile:

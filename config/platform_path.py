@@ -11,7 +11,7 @@ from config.table import Finite, NotNegative, Table
 from drivers.tables import platform_path as table
 from drivers.tables.platform_path import PathKind
 from stack.planner.platform_path import ENDLESS, CirclePath, LinePath, PlatformPath, RelativePath, SplinePath
-from stack.strategic.mission import ParameterWrite
+from stack.strategic.motion import ParameterWrite
 
 Waypoint = tuple[Finite, Finite]
 

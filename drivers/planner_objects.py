@@ -11,11 +11,11 @@ import numpy as np
 
 from drivers.canopen.node import CanopenNode
 from drivers.objects import Value
+from drivers.obstacle_objects import ObstacleObjects
 from drivers.platform_path_objects import PlatformPathObjects
 from drivers.slip_watch import SlipObjects
 from drivers.tables import planner as table
 from drivers.tables.platform_path import PATH_STATE
-from stack.kinematics.proximity import Box
 from stack.kinematics.se3 import rotation_log
 from stack.messages import PlannerPhase, Vector
 from stack.planner.parameters import Coordination, Method, PlannerParameters
@@ -50,12 +50,14 @@ class PlannerObjects:
     def __init__(self, node: CanopenNode, initial: PlannerParameters, reported: Callable[[], Reported]) -> None:
         self.parameters = initial
         self._initial = initial
-        self._obstacles = np.zeros((len(table.OBSTACLES), len(table.OBSTACLE_NAMES)))
         self._dictionary = node.dictionary
         self._reported = reported
         self._bind_choices()
         self._bind_preferences()
         self._slip = SlipObjects(node, lambda: self.parameters, self._change)
+        self._around = ObstacleObjects(
+            node.dictionary, lambda boxes: self._change(obstacles=boxes), lambda door: self._change(door=door)
+        )
         PlatformPathObjects(node.dictionary, lambda path: self._change(platform_path=path))
         self._bind_reports(initial.limits.q_min.size)
 
@@ -71,10 +73,7 @@ class PlannerObjects:
         objects.set(table.CIRCUMVENTION, 0, int(self._initial.circumvention))
         objects.set(table.COLLISION_AVOIDANCE, 0, int(self._initial.collision_avoidance))
         self._slip.restore(self._initial)
-        self._obstacles[:] = 0.0
-        for index in table.OBSTACLES:
-            for i in range(len(table.OBSTACLE_NAMES)):
-                objects.set(index, i + 1, 0.0)
+        self._around.restore()
         for index, name in _ARRAYS.items():
             for i, value in enumerate(getattr(wish, name)):
                 objects.set(index, i + 1, float(value))
@@ -90,15 +89,6 @@ class PlannerObjects:
         bind(table.REPULSION, sink=lambda value: self._change(repulsion=bool(value)))
         bind(table.CIRCUMVENTION, sink=lambda value: self._change(circumvention=bool(value)))
         bind(table.COLLISION_AVOIDANCE, sink=lambda value: self._change(collision_avoidance=bool(value)))
-        for number, index in enumerate(table.OBSTACLES):
-            for i in range(len(table.OBSTACLE_NAMES)):
-                bind(index, i + 1, sink=partial(self._place, number, i))
-
-    def _place(self, number: int, i: int, value: Value) -> None:
-        """One number of an obstacle; it is there as soon as it has a volume."""
-        self._obstacles[number, i] = float(value)
-        boxes = (Box(*row) for row in self._obstacles.tolist())
-        self._change(obstacles=tuple(box for box in boxes if min(box.length, box.width, box.height) > 0.0))
 
     def _change(self, **fields: Any) -> None:
         self.parameters = replace(self.parameters, **fields)
@@ -134,6 +124,7 @@ class PlannerObjects:
             self._show(table.TCP_ROTATION_VECTOR, i + 1, partial(_rotation, i))
         for i in range(6):
             self._show(table.SINGULAR_VALUES, i + 1, partial(_singular_value, i))
+        self._show(table.DOOR_OPENING, 0, lambda o: o.opening)
         self._show(table.MANIPULABILITY, 1, lambda o: np.prod(o.arm.sigma))
         for i in range(3):
             self._show(PATH_STATE, i + 1, partial(_on_path, i))

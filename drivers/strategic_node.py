@@ -10,7 +10,7 @@ from drivers.bus.base import Bus
 from drivers.canopen.nmt import NmtState
 from drivers.canopen.node import CanopenNode, NodeApplication
 from drivers.canopen.sdo_client import RESPONSE_BASE, SdoClient
-from drivers.canopen.sequence import Download, Sequence, SequenceFailure, Sequencer, Upload
+from drivers.canopen.sequence import Download, Sequence, SequenceFailure, Sequencer, Until, Upload
 from drivers.clock import Clock
 from drivers.codec import (
     GRIPPER_STATE,
@@ -40,8 +40,8 @@ from stack.messages import (
     Vector,
     Wrench,
 )
-from stack.strategic.mission import Mission, MissionInputs, MissionOutputs, MissionState, ParameterWrite, Stage
-from stack.strategic.motion import CYCLE_NS
+from stack.strategic.mission import Mission, MissionInputs, MissionOutputs, MissionState, Stage
+from stack.strategic.motion import CYCLE_NS, ParameterWrite
 
 STATE_TIMEOUT_NS = 200_000_000
 REFERENCE_TIMEOUT_NS = 100_000_000
@@ -71,6 +71,8 @@ class StrategicNode(NodeApplication):
         self._rotation_RE: Matrix | None = None
         self._q: Vector | None = None
         self._failure: str | None = None
+        self._telling: tuple[ParameterWrite, ...] | None = None
+        """What the planner is being told in mid-step."""
         self._twist = Publisher(self.node, TWIST)
         self._command = Publisher(self.node, MISSION)
         self._joints = Publisher(self.node, JOINT_REFERENCE)
@@ -110,6 +112,9 @@ class StrategicNode(NodeApplication):
         if self._state.stage is Stage.PREPARING and before is not Stage.PREPARING:
             self._writes_done = False
             self._run("write the planner's parameters", self._write(outputs.writes))
+        elif outputs.writes and self._telling is None:
+            self._telling = outputs.writes
+            self._run("tell the planner what was found", self._tell(outputs.writes))
         if outputs.read_orientation:
             self._rotation_RE = self._q = None
             self._run("read where the arm is", self._locate(outputs.read_joints))
@@ -144,10 +149,22 @@ class StrategicNode(NodeApplication):
             self._joints.publish(JointReference(outputs.joints, self._counter))
 
     def _write(self, writes: tuple[ParameterWrite, ...]) -> Sequence[None]:
+        """Between two steps: the mission waits for it."""
+        if self._telling is not None:
+            yield Until(lambda: self._telling is None, SDO_TIMEOUT_NS * SDO_ATTEMPTS, "what is being told")
         for write in writes:
-            integer = self._types[write.index, write.subindex].is_integer
-            yield Download(write.index, write.subindex, int(write.value) if integer else float(write.value))
+            yield self._download(write)
         self._writes_done = True
+
+    def _tell(self, writes: tuple[ParameterWrite, ...]) -> Sequence[None]:
+        """While a step goes on."""
+        for write in writes:
+            yield self._download(write)
+        self._telling = None
+
+    def _download(self, write: ParameterWrite) -> Download:
+        integer = self._types[write.index, write.subindex].is_integer
+        return Download(write.index, write.subindex, int(write.value) if integer else float(write.value))
 
     def _locate(self, joints: bool) -> Sequence[None]:
         vector = np.empty(3)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.doors import Door, DoorParameters
+from sim.door_parameters import DoorParameters
+from sim.doors import Door
 from sim.gripper import GripperHand, GripperParameters
 from sim.obstacles import Object, ObjectParameters, Obstacle, add_obstacle
 from sim.person import Person, PersonParameters

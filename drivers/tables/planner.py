@@ -8,6 +8,7 @@ from drivers.tables.fast import FastFrame, Signal, fast_device, vector
 from drivers.tables.platform_path import platform_path_objects
 from drivers.tables.slip import SLIP_FRAME, slip_objects
 from stack.messages import SingularityKind
+from stack.planner.leaf import LeafMotion
 from stack.planner.parameters import Coordination, Method
 
 I16, I24, REAL32 = DataType.INTEGER16, DataType.INTEGER24, DataType.REAL32
@@ -40,6 +41,10 @@ PLATFORM_ANGLE, PLATFORM_GAIN, PLATFORM_MAX_RATE, PLATFORM_FEED_FORWARD, PLATFOR
 OBSTACLES = range(0x2050, 0x2054)
 OBSTACLE_NAMES = ("x", "y", "z", "length", "width", "height", "yaw")
 """A box in the reference frame, m and rad; one without height, width or length is none."""
+DOOR_LEAF, DOOR_MOTION, DOOR_OPENING = 0x2054, 0x2055, 0x2056
+DOOR_NAMES = (*OBSTACLE_NAMES, "handle x", "handle y", "hinge x", "hinge y")
+"""The leaf when the door is shut, in the reference frame, and where its handle and its hinge are then. Writing the motion takes all of it
+over, so that nothing is seen half written."""
 LEAST_WIDTH, LEAST_WEIGHT = 1e-3, 1e-4
 """A width divides, and a weight of zero leaves the criterion without a minimum."""
 
@@ -109,6 +114,9 @@ def _parameters() -> list[ObjectDef]:
             for number, index in enumerate(OBSTACLES, start=1)
             for entry in array(index, f"Obstacle {number}", OBSTACLE_NAMES, REAL32)
         ),
+        *array(DOOR_LEAF, "Door leaf", DOOR_NAMES, REAL32),
+        ObjectDef(DOOR_MOTION, 0, "Door motion", U8, Access.RW, LeafMotion.ABSENT, low=0, high=max(LeafMotion)),
+        ObjectDef(DOOR_OPENING, 0, "Door opening", REAL32, Access.RO, 0.0),
         *platform_path_objects(),
         *slip_objects(),
         *array(CONFIGURATION, "Configuration", JOINT_NAMES, REAL32, access=Access.RO),

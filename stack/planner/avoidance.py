@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stack.messages import Matrix, Vector
 from stack.planner.singularities import Margin
@@ -68,10 +69,12 @@ class Zones:
     platform: Matrix | None = None
 
     def with_platform_at(self, rate: Vector) -> Zones:
-        """For the arm alone, on a platform that moves at `rate` (2,): the arm makes up for what the platform does."""
+        """For the arm alone, on a platform that moves at `rate` (2,): the arm makes up for what the platform does, where it can."""
         if self.platform is None or not self.names:
             return self
-        return Zones(self.names, self.normals, self.softness, self.floor - self.platform @ rate)
+        i = np.flatnonzero(in_hand(self.normals))
+        names = tuple(self.names[k] for k in i)
+        return Zones(names, self.normals[i], self.softness[i], self.floor[i] - self.platform[i] @ rate)
 
     def and_also(self, others: Zones) -> Zones:
         """Both, these first."""
@@ -88,6 +91,12 @@ class Zones:
             np.concatenate((self.floor, others.floor)),
             np.vstack(platform),
         )
+
+
+def in_hand(gradients: Matrix) -> NDArray[np.bool_]:
+    """(k,): which of k distances with `gradients` (k, n) the arm's joints change at all."""
+    found: NDArray[np.bool_] = np.einsum("ij,ij->i", gradients, gradients) > _MEANINGFUL
+    return found
 
 
 def zones(margins: Mapping[str, Margin], avoidance: Avoidance) -> Zones:

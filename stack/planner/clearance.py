@@ -9,14 +9,16 @@ where redundancy does not suffice the task gives way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stack.kinematics.proximity import BodyDistances, Box, Proximity
+from stack.kinematics.arm import ArmState
+from stack.kinematics.proximity import DOOR, BodyDistances, Box, Proximity
 from stack.kinematics.se3 import pose_inverse
 from stack.messages import Matrix, Vector
 from stack.planner.avoidance import Zones
+from stack.planner.leaf import LeafHere
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +44,40 @@ class Clearance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
-    """Where the arm stands and how that moves: `T_RA` (4, 4), its base in the reference frame, and the platform's rate (v, ω)."""
+    """Where the arm stands and how that moves: `T_RA` (4, 4), its base in the reference frame, and the platform's rate (v, ω).
+
+    `door`: the leaf that may go along with the hand.
+    """
 
     T_RA: Matrix
     rate: Vector
+    door: LeafHere | None = None
 
 
 def nearest_pairs(
-    bodies: BodyDistances, q: Vector, clearance: Clearance, boxes: Sequence[Box], standing: Standing | None
+    bodies: BodyDistances, model: ArmState, clearance: Clearance, boxes: Sequence[Box], standing: Standing | None
 ) -> list[Proximity]:
-    """Every pair within `influence`, nearest first; `boxes` only where the `standing` is known."""
-    around = boxes if standing is not None else ()
-    T_AR = None if standing is None else pose_inverse(standing.T_RA)
-    return sorted(bodies.near(q, clearance.influence, around, T_AR), key=lambda pair: pair.distance)
+    """Every pair within `influence`, nearest first; `boxes` and door only where the `standing` is known."""
+    if standing is None:
+        found = bodies.near(model.q, clearance.influence)
+    else:
+        door, T_AR = standing.door, pose_inverse(standing.T_RA)
+        found = bodies.near(model.q, clearance.influence, boxes, T_AR, None if door is None else door.box)
+        if door is not None and door.leaf.held:
+            found = [_with_the_hand(pair, model, standing, door, bodies.base) for pair in found]
+    return sorted(found, key=lambda pair: pair.distance)
+
+
+def _with_the_hand(pair: Proximity, model: ArmState, standing: Standing, door: LeafHere, base: Vector) -> Proximity:
+    """A pair with the leaf, whose point goes where the hand takes it: ḋ gets n · L v_H, v_H = J q̇ + j_v v + j_ω ω."""
+    if not pair.name.endswith(f" - {DOOR}"):
+        return pair
+    R, p = standing.T_RA[:3, :3], standing.T_RA[:3, 3]
+    L = door.leaf.carried(R @ pair.point + p, door.hand)
+    w = R.T @ (L.T @ (R @ pair.normal))
+    x, y, _ = model.position + base
+    platform = pair.platform + np.array([w[0], x * w[1] - y * w[0]])
+    return replace(pair, gradient=pair.gradient + w @ model.jacobian[:3], platform=platform)
 
 
 def dampers(near: Sequence[Proximity], n: int, clearance: Clearance) -> Zones:

@@ -16,7 +16,7 @@ from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
 from stack.kinematics.proximity import BodyDistances, Proximity
 from stack.messages import Restriction, Vector
-from stack.planner.avoidance import Zones, circumvent, repulsion, zones
+from stack.planner.avoidance import Zones, circumvent, in_hand, repulsion, zones
 from stack.planner.clearance import Standing, dampers, must_brake, nearest_pairs
 from stack.planner.limits import velocity_bounds
 from stack.planner.odometry import PlatformPose, PlatformRate
@@ -130,9 +130,10 @@ class Coordinator:
         preferences, limits = parameters.preferences, self.limits
         lower, upper = self.velocity_bounds(model.q, dq, parameters)
         jacobian = model.end_point_jacobian
-        avoiding = self._avoidance(model.q, window, parameters, standing)
+        avoiding = self._avoidance(model, window, parameters, standing)
         if avoiding is not None and standing is not None:
-            avoiding = replace(avoiding, zones=avoiding.zones.with_platform_at(standing.rate))
+            near = tuple(pair for pair in avoiding.near if in_hand(pair.gradient[None])[0])
+            avoiding = replace(avoiding, near=near, zones=avoiding.zones.with_platform_at(standing.rate))
         if parameters.method is not Method.PNS:
             z = self._wishes(model.q, window, parameters)
             weights = preferences.weights[: self.n]
@@ -199,7 +200,7 @@ class Coordinator:
         columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
         z = np.append(self._wishes(model.q, window, parameters), self._platform_wish(model, slow_twist, parameters))
         q = np.append(model.q, (0.0, 0.0))
-        avoiding = self._avoidance(model.q, window, parameters, standing)
+        avoiding = self._avoidance(model, window, parameters, standing)
         if parameters.method is Method.PNS:
             table = self.robot_table if parameters.joint_limit_rules else self.robot_table_free
             if avoiding is not None:
@@ -227,18 +228,20 @@ class Coordinator:
             weights = parameters.preferences.weights
             whole = self._by_name(parameters, extended, twist, weights, z, bounds, q, table, avoiding)
         wanted = PlatformRate(float(whole.dq[n]), float(whole.dq[n + 1]))
-        if avoiding is not None and must_brake(
-            avoiding.near, whole.dq[:n], whole.dq[n:], parameters.clearance, PLATFORM_DELAY_S
-        ):
-            wanted = PlatformRate(0.0, 0.0)
         unified = parameters.coordination is Coordination.UNIFIED
         period = parameters.arm_period_s if unified else parameters.platform_period_s
         command = accelerated(wanted, rate, limits, period)
+        # What the platform can do by then counts, too: a turn that it cannot make in time does not take it past anything.
+        if avoiding is not None and any(
+            must_brake(avoiding.near, whole.dq[:n], np.array(v), parameters.clearance, PLATFORM_DELAY_S)
+            for v in (wanted, command.rate)
+        ):
+            command = accelerated(PlatformRate(0.0, 0.0), rate, limits, period)
         arm = ArmCommand(whole.dq[:n].copy(), whole.scale, whole.status, whole.restrictions, whole.sigma)
         return arm, command
 
     def _avoidance(
-        self, q: Vector, window: float, parameters: PlannerParameters, standing: Standing | None
+        self, model: ArmState, window: float, parameters: PlannerParameters, standing: Standing | None
     ) -> _Avoiding | None:
         """What keeps the arm away from its singular manifolds, from itself and from obstacles; None with all of it switched off."""
         singular = parameters.repulsion or parameters.circumvention
@@ -248,14 +251,14 @@ class Coordinator:
         near: list[Proximity] = []
         kept = zones({}, parameters.avoidance)
         if singular:
-            margins = manifold_margins(self.arm, q)
+            margins = manifold_margins(self.arm, model.q)
             if parameters.repulsion and parameters.null_space_motion:
                 push = window * repulsion(margins, parameters.avoidance)
             kept = zones(margins if parameters.circumvention else {}, parameters.avoidance)
         if parameters.collision_avoidance:
             if self._bodies is None:
                 self._bodies = BodyDistances(self.arm)
-            near = nearest_pairs(self._bodies, q, parameters.clearance, parameters.obstacles, standing)
+            near = nearest_pairs(self._bodies, model, parameters.clearance, parameters.obstacles, standing)
             kept = dampers(near, self.n, parameters.clearance).and_also(kept)
         return _Avoiding(kept, push, tuple(near), _COLLISION_ROWS if near else 0)
 

@@ -8,6 +8,7 @@ from stack.messages import JointReference, Matrix, Mode, Restriction, TrackedPos
 from stack.planner.coordination import ArmCommand, PlatformCommand
 from stack.planner.drift import DriftEstimate
 from stack.planner.joint_following import JointFollower
+from stack.planner.leaf import LeafState
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate
 from stack.planner.path_following import Deviation, PathFollower
 from stack.planner.preference_change import PreferenceChange
@@ -54,6 +55,7 @@ class PlannerState:
     joints: JointFollower = JointFollower()
     path: PathFollower = PathFollower()
     preferences: PreferenceChange = PreferenceChange()
+    door: LeafState = LeafState()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,8 @@ class PlannerOutputs:
     """What to send: joint set points for SYNC k + 2 with velocity and torque offset (n,), wheel rates (rad/s), and what is reported.
 
     `X_RE` (4, 4): commanded TCP pose for SYNC k + 2, None while nothing is commanded; `T_RE` the believed one at SYNC k.
-    `path`: where the platform is on the path that it is bound to, as the last platform cycle saw it ahead.
+    `path`: where the platform is on the path that it is bound to, as the last platform cycle saw it ahead. `opening`: how far the door is
+    open (rad or m) whose leaf is kept clear of.
     """
 
     q: Vector
@@ -75,3 +78,4 @@ class PlannerOutputs:
     restrictions: Restriction
     platform_cycle: bool
     path: Deviation | None = None
+    opening: float = 0.0

@@ -11,6 +11,7 @@ from stack.kinematics.proximity import Box
 from stack.messages import Matrix, Vector
 from stack.planner.avoidance import Avoidance
 from stack.planner.clearance import Clearance
+from stack.planner.leaf import DoorLeaf
 from stack.planner.observer import SlipModel
 from stack.planner.platform_path import RelativePath
 
@@ -100,8 +101,9 @@ class PlannerParameters:
     `epsilon`: propping threshold (2.139); `patience_m`, `patience_rad`: deviation of the set points from the path beyond
     which the path begins to wait, at twice of which it stands. `repulsion`, `circumvention`: whether the arm keeps away
     from its singular manifolds, softly and hard, with the sizes of `avoidance`; `collision_avoidance`: whether its
-    links keep clear of each other, of the platform and of the `obstacles`, as `clearance` says. `platform_path`: what the
-    platform is bound to while arm and platform are coordinated, from where it stands when it first sees it; None: it moves freely.
+    links keep clear of each other, of the platform, of the `obstacles` and of the leaf of the `door`, as `clearance`
+    says. `platform_path`: what the platform is bound to while arm and platform are coordinated, from where it stands when
+    it first sees it; None: it moves freely.
     """
 
     arm_period_ns: int
@@ -117,6 +119,7 @@ class PlannerParameters:
     collision_avoidance: bool = False
     clearance: Clearance = Clearance()
     obstacles: tuple[Box, ...] = ()
+    door: DoorLeaf | None = None
     avoidance: Avoidance = Avoidance()
     platform_path: RelativePath | None = None
     correction_gain: float = 20.0

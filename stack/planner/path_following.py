@@ -150,7 +150,7 @@ class PathCoordinator(Coordinator):
         arm_table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
         recovery = 0.2 * max(-bounds[0], bounds[1])
         table = np.column_stack((arm_table, (-np.inf, -np.inf, np.inf, np.inf, recovery, *bounds)))
-        avoiding = self._avoidance(model.q, window, parameters, standing)
+        avoiding = self._avoidance(model, window, parameters, standing)
         if avoiding is not None and avoiding.zones.platform is not None:
             by_s = avoiding.zones.platform @ np.array([[1.0], [curvature]])
             avoiding = replace(avoiding, zones=replace(avoiding.zones, platform=by_s))

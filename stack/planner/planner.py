@@ -106,8 +106,11 @@ class Planner:
             platform=PlatformCommand(PlatformRate(0.0, 0.0)),
             restrictions=Restriction(_staleness(inputs) & ~_STALE_TWIST),
             platform_cycle=False,
+            opening=state.door.opening,
         )
-        rested = PlannerState(state.drift, state.cycle, odometry=state.odometry, commanded=state.odometry.pose)
+        rested = PlannerState(
+            state.drift, state.cycle, odometry=state.odometry, commanded=state.odometry.pose, door=state.door
+        )
         return rested, outputs
 
     def _reach(
@@ -127,10 +130,11 @@ class Planner:
             parameters.correction_gain, parameters.patience_m, parameters.patience_rad, period,
         )  # fmt: skip
         fade = window((inputs.t_ns - state.began_ns) * 1e-9, parameters.window_s)
-        standing = None
+        standing, door = None, state.door
         if parameters.collision_avoidance:
             T_RA = T_RO @ arm_in_odometry(*pose_1, self.base, np.eye(4))
-            standing = Standing(T_RA, np.array(state.odometry.rate))
+            door, leaf = state.door.seen_from(parameters.door, (T_RA @ model.pose)[:3, 3])
+            standing = Standing(T_RA, np.array(state.odometry.rate), leaf)
         platform, due, arm, path = PlatformCommand(PlatformRate(0.0, 0.0)), False, None, state.path
         if inputs.mode is Mode.COORDINATED and parameters.coordination is not Coordination.ARM_ONLY:
             due = unified or parameters.platform_cycle_due(state.cycle)
@@ -147,7 +151,7 @@ class Planner:
             arm = replace(arm, scale=arm.scale * patience)
         X_2 = moved(X_1, command.twist * arm.scale, period)
         return self._send(
-            replace(state, path=path), inputs, parameters, measured, command, arm, platform, X_2, due,
+            replace(state, path=path, door=door), inputs, parameters, measured, command, arm, platform, X_2, due,
             advance(state.commanded, platform.rate.v * period, platform.rate.omega * period),
         )  # fmt: skip
 
@@ -262,6 +266,7 @@ class Planner:
             restrictions=Restriction(int(arm.restrictions) | int(platform.restrictions) | _staleness(inputs)),
             platform_cycle=due,
             path=state.path.off,
+            opening=state.door.opening,
         )
         following = replace(
             state,

@@ -17,7 +17,7 @@ from stack.messages import Matrix, Vector
 from stack.strategic.door_identification import Hinge, Identification, Prior
 from stack.strategic.force_guidance import Admittance, AdmittanceState, Pair, admit, without_weight
 from stack.strategic.guide import DEAF_S
-from stack.strategic.motion import CYCLE_S, MotionInputs, MotionOutputs
+from stack.strategic.motion import CYCLE_S, MotionInputs, MotionOutputs, ParameterWrite
 
 
 def _law() -> Admittance:
@@ -75,12 +75,31 @@ class DoorGuess:
         return Hinge(handle + self.radius * level / np.linalg.norm(level), axis, self.radius)
 
 
+@dataclass(frozen=True, slots=True)
+class LeafObjects:
+    """The planner's objects, (index, subindex), that say where the hinge of the leaf is in the reference frame, and last of all how it
+    moves: there `turns` is written."""
+
+    hinge_x: tuple[int, int]
+    hinge_y: tuple[int, int]
+    motion: tuple[int, int]
+    turns: int
+
+    def writes(self, x: float, y: float) -> tuple[ParameterWrite, ...]:
+        """What tells the planner that the hinge is at x, y (m)."""
+        return (
+            ParameterWrite(*self.hinge_x, x),
+            ParameterWrite(*self.hinge_y, y),
+            ParameterWrite(*self.motion, self.turns),
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DoorState:
     """What is believed of the door, and the virtual mass in the door's axes (along, outward, axis). `start` (3,): where the handle was,
     `rotation` (3, 3) how the hand was turned there. `speed` (m/s) asked for, `angle` (rad) so far, `furthest` (rad) it has come; `known`
     whether the radius is, `load` (N) what the door itself takes to be moved, `across` (N) the largest force across since the radius is
-    known. `waiting_s` without progress, `deaf_s` without a force.
+    known. `waiting_s` without progress, `deaf_s` without a force. `told` (x, y, m): where the planner was told that the hinge is.
     """
 
     identification: Identification
@@ -95,16 +114,21 @@ class DoorState:
     furthest: float = 0.0
     waiting_s: float = 0.0
     deaf_s: float = 0.0
+    told: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PullDoor:
-    """Pulls until the door has turned by `pull.angle`. Fails when the handle is lost, the door stuck, or force or pose are not heard."""
+    """Pulls until the door has turned by `pull.angle`. Fails when the handle is lost, the door stuck, or force or pose are not heard.
+
+    `leaf`: where a planner that keeps clear of the leaf is told the hinge once it is known, and again where it was wrong by `HINGE_NEWS_M`.
+    """
 
     guess: DoorGuess
     pull: Pull
     prior: Prior = Prior()
     law: Admittance = field(default_factory=_law)
+    leaf: LeafObjects | None = None
 
     def begin(self, inputs: MotionInputs) -> DoorState | None:
         """None when the planner's reference pose is not known: `step` then says so."""
@@ -181,7 +205,17 @@ class PullDoor:
             across=max(state.across, across) if state.known else state.across,
         )
         back = rotation.T @ door
-        return state, MotionOutputs(np.concatenate([back @ twist[:3], back @ twist[3:]]))
+        state, news = self._tell(state)
+        return state, MotionOutputs(np.concatenate([back @ twist[:3], back @ twist[3:]]), writes=news)
+
+    def _tell(self, state: DoorState) -> tuple[DoorState, tuple[ParameterWrite, ...]]:
+        """What the planner shall know of the hinge from now on."""
+        if self.leaf is None or not state.known:
+            return state, ()
+        x, y = (float(value) for value in state.identification.hinge.centre[:2])
+        if state.told is not None and np.hypot(x - state.told[0], y - state.told[1]) < HINGE_NEWS_M:
+            return state, ()
+        return replace(state, told=(x, y)), self.leaf.writes(x, y)
 
     def _turning(self, state: DoorState, rotation: Matrix) -> Vector:
         """Angular velocity (3,), reference frame, of a hand that makes its share of the door's turn; what it has turned too far or
@@ -218,6 +252,7 @@ def _summary(state: DoorState) -> str:
 
 
 ANGLE_TOLERANCE = 0.002
+HINGE_NEWS_M = 0.01
 TURNING_GAIN = 1.0
 """1/s"""
 PROGRESS = 0.003

@@ -11,16 +11,7 @@ from enum import Enum
 from typing import Any
 
 from stack.messages import Gripper, Matrix, Mode, PlannerPhase, PlannerState, Vector
-from stack.strategic.motion import ZERO_TWIST, Motion, MotionInputs
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterWrite:
-    """One object of the planner to be written by SDO."""
-
-    index: int
-    subindex: int
-    value: float
+from stack.strategic.motion import ZERO_TWIST, Motion, MotionInputs, ParameterWrite
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +191,7 @@ class Mission:
                 event=outputs.event,
                 joints=outputs.joints,
                 gripper=outputs.gripper,
+                writes=outputs.writes,
             )
         if state.index + 1 == len(self.steps):
             done = replace(state, stage=Stage.FINISHED)

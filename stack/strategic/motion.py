@@ -36,13 +36,23 @@ class MotionInputs:
     singularity_margin: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterWrite:
+    """One object of the planner to be written by SDO."""
+
+    index: int
+    subindex: int
+    value: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionOutputs:
     """What to ask for in the coming cycle: a twist (6,) of the TCP in the end-point frame (of the platform where it is the
     platform that moves: v in [0], ω in [5]), joint positions (n,) for `Mode.JOINTS`, what the gripper shall do.
 
     `done`: the motion has come to its end, and nothing of these outputs is sent. `failure`: why it never will, in one line. `found`: what
-    was measured on the way, by name, for whoever judges the run.
+    was measured on the way, by name, for whoever judges the run. `writes`: what the planner shall know from now on, while the motion goes
+    on; what comes before the last ones were confirmed is left out.
     """
 
     twist: Vector = field(default_factory=lambda: ZERO_TWIST)
@@ -52,6 +62,7 @@ class MotionOutputs:
     failure: str | None = None
     event: str | None = None
     found: tuple[tuple[str, float], ...] = ()
+    writes: tuple[ParameterWrite, ...] = ()
 
 
 class Motion(Protocol):

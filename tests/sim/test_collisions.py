@@ -11,7 +11,7 @@ import pytest
 
 from sim.bullet import pybullet
 from sim.collisions import Collisions
-from sim.doors import DoorKind, DoorParameters
+from sim.door_parameters import DoorKind, DoorParameters
 from sim.obstacles import Obstacle
 from sim.physics import PhysicsParameters
 from sim.slip import SlipParameters

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.bullet import pybullet
-from sim.doors import Door, DoorKind, DoorParameters, HandleGrasp
+from sim.door_parameters import DoorKind, DoorParameters, HandleGrasp
+from sim.doors import Door
 from sim.physics import Physics, PhysicsParameters, RobotNames
 from sim.slip import SlipParameters
 from sim.surroundings import SurroundingsParameters

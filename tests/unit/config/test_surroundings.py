@@ -12,7 +12,7 @@ from canipulator.surroundings import around, surroundings
 from config.errors import ConfigError
 from config.load import dump_scenario, load_scenario
 from config.scenario import Scenario
-from sim.doors import DoorKind, HandleGrasp
+from sim.door_parameters import DoorKind, HandleGrasp
 from sim.person import Wandering, Waypoints
 
 HEAD = 'name = "x"\ntitle = "y"\nduration_s = 5.0\n[[step]]\nname = "w"\nkind = "wait"\nduration_s = 1.0\n'

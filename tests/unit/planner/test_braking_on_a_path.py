@@ -24,7 +24,11 @@ def speed(method: Method, ahead_m: float) -> float:
     bodies = BodyDistances(ARM)
     wall = Box(3.0, 0.0, 1.0, 0.1, 4.0, 4.0)
     far = replace(LENIENT, influence=5.0)
-    least = min(pair.distance for pair in nearest_pairs(bodies, ARM.home, far, [wall], standing) if pair.platform.any())
+    least = min(
+        pair.distance
+        for pair in nearest_pairs(bodies, ARM.state(ARM.home), far, [wall], standing)
+        if pair.platform.any()
+    )
     near = Box(3.0 - least + ahead_m, *wall[1:])
     told = replace(parameters(), method=method, collision_avoidance=True, clearance=LENIENT, obstacles=(near,))
     forward = np.concatenate((model.rotation.T @ np.array([0.2, 0.0, 0.0]), np.zeros(3)))

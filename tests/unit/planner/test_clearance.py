@@ -70,7 +70,9 @@ def test_far_from_everything_nothing_changes() -> None:
 def test_the_arm_makes_way_for_an_obstacle_that_the_platform_brings_nearer() -> None:
     """The zone's floor counts the platform's own approach in."""
     wall = Box(ARM.pose(ARM.home)[0, 3] + 0.15, 0.0, 1.0, 0.1, 4.0, 4.0)
-    here = nearest_pairs(BODIES, ARM.home, Clearance(influence=0.2), [wall], Standing(np.eye(4), np.zeros(2)))
+    here = nearest_pairs(
+        BODIES, ARM.state(ARM.home), Clearance(influence=0.2), [wall], Standing(np.eye(4), np.zeros(2))
+    )
     near = dampers(here, 8, Clearance(influence=0.2))
     assert near.names
     ahead = near.with_platform_at(np.array([0.2, 0.0]))
