@@ -22,6 +22,17 @@ def least_acceleration(
     return rolled_out(q_start, w_start, x + np.outer(reach, y))
 
 
+def by_way_of(
+    q_via: Vector, q_start: Vector, w_start: Vector, q_goal: Vector, w_goal: Vector, points: int
+) -> tuple[Matrix, Matrix, Matrix]:
+    """The same by way of `q_via` (n,) half-way, passed at the speed of the straight line from start to goal."""
+    first = (points - 1) // 2
+    w_via = (q_goal - q_start) / (points - 1)
+    q, w, a = least_acceleration(q_start, w_start, q_via, w_via, first + 1)
+    p, v, b = least_acceleration(q_via, w_via, q_goal, w_goal, points - first)
+    return np.vstack([q, p[1:]]), np.vstack([w, v[1:]]), np.vstack([a, b])
+
+
 def rolled_out(q_start: Vector, w_start: Vector, a: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """What the accelerations `a` (N−1, n) do to the double integrator."""
     w = np.vstack([w_start, w_start + np.cumsum(a, axis=0)])

@@ -13,7 +13,7 @@ from stack.strategic.trajectory.chain import chain_table
 from stack.strategic.trajectory.potentials import Potentials, no_potentials, potentials
 from stack.strategic.trajectory.problem import Objective, Status, Trajectory, TrajectoryLimits, TrajectoryProblem
 from stack.strategic.trajectory.self_collision import cover, no_cover, sphere_gaps
-from stack.strategic.trajectory.start import least_acceleration, moved
+from stack.strategic.trajectory.start import by_way_of, least_acceleration, moved
 
 KINDS = {
     Objective.NONE: node_cost.PLAIN,
@@ -27,10 +27,12 @@ WARM_BARRIER = 1e-4
 MOST_ITERATIONS = 300
 WIDTH = 1e-6
 """How far (rad, m) positions between the nodes may pass a limit, and only that of a joint which starts or ends on it."""
-OTHER_STEPS = (0.6, 2.0)
-"""Factors on the first step of further starts: where the nodes jump across a manifold decides which local optimum is found."""
-DEAR = 1.5
-"""A motion that costs this many times the first cubic without singularities is worth further starts."""
+OTHER_STEP = 0.35
+"""Factor on the first step of a further start: where the nodes jump across a manifold decides which local optimum is found."""
+BEND = 0.6
+"""How far another one is bent towards the middle of the joint limits, as a share of the way there."""
+DEAR, DEARER = 1.2, 1.6
+"""A motion that costs this many times the first cubic without singularities is worth the bent start, and the other one, too."""
 BETWEEN_NODES = 4
 """Configurations per step that are looked at for links that touch."""
 Begin = tuple[Matrix, Matrix, Matrix, float]
@@ -39,7 +41,7 @@ Begin = tuple[Matrix, Matrix, Matrix, float]
 def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None) -> Trajectory:
     """A local optimum of the transcription; `guess` begins where an earlier solution was. Pure.
 
-    Where potentials make it dear and no guess is given, the best of three starts. ValueError for a guess of another shape.
+    Where potentials make it dear and no guess is given, the best of up to three starts. ValueError for a guess of another shape.
     """
     limits, goal = problem.limits, problem.q_goal
     assert isinstance(limits, TrajectoryLimits)
@@ -59,22 +61,23 @@ def solve_structured(problem: TrajectoryProblem, guess: Trajectory | None = None
         if best.status is Status.SOLVED:
             break
     assert best is not None
-    if guess is None and _dear(problem, goal, best):
-        for factor in OTHER_STEPS:
-            found = _run(problem, limits, _cubic(problem, goal, factor), FIRST_BARRIER)
+    dearness = 0.0 if guess is not None else _dearness(problem, goal, best)
+    for begin, dear in ((_bent(problem, limits, goal), DEAR), (_cubic(problem, goal, OTHER_STEP), DEARER)):
+        if dearness > dear:
+            found = _run(problem, limits, begin, FIRST_BARRIER)
             best = found if _rank(found) < _rank(best) else best
     return _apart(problem, best)
 
 
-def _dear(problem: TrajectoryProblem, goal: Vector, found: Trajectory) -> bool:
-    """Whether potentials made `found` cost more than `DEAR` times the first cubic without them, its ends left out."""
+def _dearness(problem: TrajectoryProblem, goal: Vector, found: Trajectory) -> float:
+    """How many times the first cubic without potentials `found` costs with them, its ends left out; 0 without potentials."""
     if KINDS[problem.objective] != node_cost.POTENTIAL:
-        return False
+        return 0.0
     q, _, a, h = _cubic(problem, goal, 1.0)
     weights, rest = problem.weights, cast(Any, arguments(problem))
     ends = sum(node_cost.node_value(node_cost.POTENTIAL, np.ascontiguousarray(end), *rest) for end in (q[0], q[-1]))
     plain = problem.points * h * weights.time + weights.acceleration * float(np.sum(a * a)) / h**4
-    return bool(found.objective - ends * weights.time > DEAR * plain)
+    return float((found.objective - ends * weights.time) / plain)
 
 
 def _apart(problem: TrajectoryProblem, found: Trajectory) -> Trajectory:
@@ -119,6 +122,15 @@ def _cubic(problem: TrajectoryProblem, goal: Vector, longer: float) -> Begin:
     dq_start, dq_goal = np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
     q, w, a = least_acceleration(np.asarray(problem.q_start), h * dq_start, goal, h * dq_goal, problem.points)
     return q, w, a, h
+
+
+def _bent(problem: TrajectoryProblem, limits: TrajectoryLimits, goal: Vector) -> Begin:
+    """By way of a configuration nearer to the middle of the limits."""
+    h, start = first_step(problem), np.asarray(problem.q_start)
+    half_way = 0.5 * (start + goal)
+    via = half_way + BEND * (0.5 * (limits.q_min + limits.q_max) - half_way)
+    dq_start, dq_goal = np.asarray(problem.dq_start), np.asarray(problem.dq_goal)
+    return *by_way_of(via, start, h * dq_start, goal, h * dq_goal, problem.points), h
 
 
 def first_step(problem: TrajectoryProblem) -> float:
