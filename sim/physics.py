@@ -30,6 +30,10 @@ from stack.messages import Matrix, Vector
 
 __all__ = ["ARM", "FLOOR", "GRIPPER", "OBJECTS", "OBSTACLES", "WHEELS", "Physics", "PhysicsParameters", "RobotNames"]
 
+BRAKE_SHARE = 0.5
+"""What a holding brake holds, of its motor's peak torque: a quarter more than the rated torque. One as strong as the motor stops a joint at
+200 rad/s², and the other joints get what it had."""
+
 
 class Physics:
     """One PyBullet client with a floor and the robot on it. `close()` frees the client."""
@@ -103,7 +107,7 @@ class Physics:
     # --- actuation ---------------------------------------------------------------------------------------------------
 
     def set_brakes(self, engaged: Sequence[bool]) -> None:
-        """Hold the arm joints (8,) where they are, with their effort limit, or leave them to their torque."""
+        """Hold the arm joints (8,) where they are, with what a brake can hold, or leave them to their torque."""
         p = pybullet
         for i, joint in enumerate(self.arm_joints):
             if self._loose[i] != bool(engaged[i]):
@@ -116,7 +120,7 @@ class Physics:
                     p.POSITION_CONTROL,
                     targetPosition=float(self.q[i]),
                     targetVelocity=0.0,
-                    force=float(self.peak_torque[i]),
+                    force=BRAKE_SHARE * float(self.peak_torque[i]),
                     physicsClientId=self.client,
                 )
             else:

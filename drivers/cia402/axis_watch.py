@@ -30,7 +30,10 @@ JUMP = 6.0
 FROZEN = 0.02
 """An encoder that has not changed at all while its set point went this fraction of the following error window is frozen …"""
 FROZEN_LEAST_S = 0.01
-"""… and has not for longer than this."""
+"""… and has not for longer than this …"""
+FLICKERING_LEAST_S = 0.0015
+"""… or than this where its last digits are never still: in motion two readings that are the same to the last bit are proof enough, and a
+loop that is told that a joint stands makes it half as fast again within 10 ms."""
 FLICKER_S = 0.05
 """The last digits of an encoder of high resolution are never still, not even at rest: unchanged for longer than this it is frozen."""
 RATE_MARGIN = 0.15
@@ -143,7 +146,8 @@ def watch_axis(
         watch[UNSEEN_WAY, axis] = 0.0
         watch[UNSEEN_S, axis] = 0.0
     watch[LAST_SET_POINT, axis] = set_point
-    if watch[UNSEEN_S, axis] > FROZEN_LEAST_S and watch[UNSEEN_WAY, axis] > FROZEN * watch[WINDOW, axis]:
+    least = FLICKERING_LEAST_S if watch[UNSEEN_LIMIT_S, axis] < math.inf else FROZEN_LEAST_S
+    if watch[UNSEEN_S, axis] > least and watch[UNSEEN_WAY, axis] > FROZEN * watch[WINDOW, axis]:
         bits |= _SENSOR
     if watch[UNSEEN_S, axis] > watch[UNSEEN_LIMIT_S, axis]:
         bits |= _SENSOR

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sim.bullet import pybullet
-from sim.physics import Physics, PhysicsParameters, RobotNames
+from sim.physics import BRAKE_SHARE, Physics, PhysicsParameters, RobotNames
 from sim.slip import SlipParameters
 from sim.world import World, WorldParameters
 from stack.kinematics import ArmModel
@@ -72,6 +72,13 @@ def test_brakes_hold_the_arm_without_power(rig: Callable[..., Any]) -> None:
     after = one.world.truth(0)
     assert np.abs(after.q - before.q).max() < 1e-4
     assert np.linalg.norm(after.pose_WB[:2, 3] - before.pose_WB[:2, 3]) < 5e-4
+
+
+def test_brakes_are_stronger_than_gravity_in_any_posture(rig: Callable[..., Any]) -> None:
+    one = rig()
+    draw = np.random.default_rng(1)
+    worst = np.max([np.abs(one.arm.gravity(draw.uniform(one.arm.q_min, one.arm.q_max))) for _ in range(5000)], axis=0)
+    assert (1.3 * worst < BRAKE_SHARE * one.world.physics.peak_torque).all()
 
 
 def test_sine_on_all_joints_is_tracked_with_inverse_dynamics(rig: Callable[..., Any]) -> None:

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from drivers.cia402.axis_watch import Alarm
 from drivers.cia402.bank import DriveBank
-from drivers.cia402.bank_axis import BankAxis
+from drivers.cia402.bank_axis import AxisLimits, BankAxis
+from stack.messages import Vector
 from stack.servo.state import AxisMode
 from tests.unit.cia402.rig import LinearPlant, servo_parameters
 
@@ -128,3 +129,38 @@ def test_an_encoder_that_is_never_still_and_stands_still_is_frozen(flicker: bool
     for tick in range(49, 53):
         bank.tick(tick * TICK_NS)
     assert alarms[:1] == found
+
+
+class FreezingPlant(LinearPlant):
+    """Its encoder shows what it showed, and no velocity, once `frozen`."""
+
+    frozen: float | None = None
+
+    def read(self, position: Vector, velocity: Vector) -> None:
+        super().read(position, velocity)
+        if self.frozen is not None:
+            position[0], velocity[0] = self.frozen, 0.0
+
+
+@pytest.mark.parametrize(("flicker", "ticks"), [(True, range(2, 5)), (False, range(10, 16))])
+def test_an_encoder_that_freezes_in_motion_is_found_before_its_joint_runs_away(flicker: bool, ticks: range) -> None:
+    none = np.zeros(1, dtype=np.bool_)
+    plant = FreezingPlant(np.full(1, 0.5), none)
+    bank = DriveBank(servo_parameters(none), plant, TICK_NS, encoders_flicker=flicker)
+    alarms: list[Alarm] = []
+    axis = bank.axis(0, alarms.append)
+    axis.limit(AxisLimits(-3.0, 3.0, 1.5, 6.0, 12.0, 200.0, 0.1, 0.05))
+    drive_along(bank, axis, [0] * 40, velocity=1.0)
+    assert alarms == []
+    plant.frozen = float(plant.position[0])
+    began, target = 410, 0.5 + 40 * PERIOD_NS * 1e-9
+    for tick in range(began, began + 40):
+        if tick % 10 == 0:
+            target += PERIOD_NS * 1e-9
+            axis.accept(target, 0.0, tick * TICK_NS, PERIOD_NS)
+        plant.step(TICK_NS * 1e-9)
+        bank.tick(tick * TICK_NS)
+        if alarms:
+            break
+    assert alarms == [Alarm.SENSOR]
+    assert tick - began + 1 in ticks
