@@ -63,7 +63,13 @@ def test_other_buses_and_scenarios_replay_too(name: str, overrides: list[str], r
     assert result.identical, explain(result.first, load_robot("moma8").devices.values()) if result.first else ""
 
 
-@pytest.mark.parametrize("fault", ["frame-loss@0:probability=0.1", "frame-corruption@0:probability=0.1"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "frame-loss@0:probability=0.1",
+        pytest.param("frame-corruption@0:probability=0.1", marks=pytest.mark.faults),
+    ],
+)
 def test_frames_that_a_fault_has_swallowed_or_changed_do_not_hinder_a_replay(fault: str, tmp_path: Path) -> None:
     scenario = load_scenario("sliding-door", (), [fault])
     outcome = run_scenario(scenario, RunOptions(out=tmp_path / "run", duration_s=3.0, record=False, quiet=True))
