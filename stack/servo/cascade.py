@@ -2,7 +2,8 @@
 
     set point   p*, v*   from the cyclic targets (interpolation.py), limited (limiter.py)
     position    v_c = k_ff v* + k_p (p* - p)       all three at the start of the tick, when the encoder was read
-    velocity    e   = v_c - v,   integral += k_i e dt   (frozen while the torque saturates in its direction)
+    velocity    e   = v_c - v,   integral += k_i e dt   (frozen while the torque saturates in its direction, 0 where it
+                would drive the axis on beyond its velocity limit)
     torque      tau = k_v e + integral + offset,  clamped
 
 A drive knows its own joint only: gravity and inertia come from the master as the torque offset (CiA 402, 60B2h), which
@@ -206,6 +207,8 @@ def torque_loop(
     before = state[INTEGRAL, axis]
     bound = parameters[INTEGRAL_LIMIT, axis]
     integral, _ = clamp(before + parameters[INTEGRAL_GAIN, axis] * error * dt_s, -bound, bound)
+    if abs(velocity) > _LOOP_ROOM * ceiling and integral * velocity > 0.0:
+        integral = 0.0  # what a joint that was held has wound up must not drive it on beyond its limit
     wanted = parameters[VELOCITY_GAIN, axis] * error + offset
     torque, limited = clamp(wanted + integral, -limit, limit)
     if limited:

@@ -38,8 +38,16 @@ def test_a_failing_case_is_made_small_and_can_be_run_again(tmp_path: Path, monke
     assert soak.run_case(soak.Case(again, again.duration_s)) is not None
 
 
-@pytest.mark.parametrize("fault", ["encoder-frozen@2.44:node=25", "encoder-frozen@2.392:node=23,for_s=0.053"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "encoder-frozen@2.44:node=25",
+        "encoder-frozen@2.392:node=23,for_s=0.053",
+        "drive-stuck@0.655:node=26,for_s=0.276",
+    ],
+)
 def test_what_the_soak_has_found_does_not_come_back(fault: str) -> None:
-    """Elbow or shoulder blind at full speed: one ran away for 10 ms, the other was stopped so hard that the elbow got what it had."""
+    """Elbow or shoulder blind at full speed: one ran away for 10 ms, the other was stopped so hard that the elbow got what it had. A
+    joint that was held catches up, with what its loop had wound up while it was."""
     case = soak.Case(scenario_with("point-to-point", [fault]), 2.6)
     assert soak.run_case(case) is None

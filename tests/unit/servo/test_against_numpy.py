@@ -70,6 +70,8 @@ class NumpyServo:
         command = np.clip(command, -1.05 * p.velocity_limit, 1.05 * p.velocity_limit)
         miss = command - velocity
         integral = np.clip(self.integral + p.integral_gain * miss * DT, -p.integral_limit, p.integral_limit)
+        runaway = (np.abs(velocity) > 1.05 * p.velocity_limit) & (integral * velocity > 0)
+        integral = np.where(runaway, 0.0, integral)
         offset = self.offsets[0] + (self.offsets[1] - self.offsets[0]) * (u - 0.05)
         wanted_torque = p.velocity_gain * miss + offset + integral
         torque = np.clip(wanted_torque, -p.torque_limit, p.torque_limit)

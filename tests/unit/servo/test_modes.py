@@ -121,6 +121,21 @@ def test_the_integral_stops_at_its_limit_and_while_the_torque_saturates() -> Non
     assert weak.servo.state.integral[0] < 5.0
 
 
+def test_what_a_held_joint_has_wound_up_does_not_drive_it_beyond_its_limit() -> None:
+    joint = Joint(parameters(integral_limit=60.0, velocity_limit=1.0, velocity_gain=20.0))
+    for k in range(60):
+        joint.accept(AxisMode.POSITION, 0.009 * k)
+        joint.tick(AxisMode.POSITION, 10, held=True)
+    assert joint.servo.state.integral[0] > 10.0
+    fastest = 0.0
+    for k in range(60, 90):
+        joint.accept(AxisMode.POSITION, 0.009 * k)
+        for _ in range(10):
+            joint.tick(AxisMode.POSITION)
+            fastest = max(fastest, float(joint.velocity[0]))
+    assert 1.0 < fastest < 1.3
+
+
 def test_the_offset_runs_straight_from_one_target_to_the_next() -> None:
     joint = Joint(parameters())
     joint.accept(AxisMode.POSITION, 0.0, offset=10.0)
