@@ -30,9 +30,9 @@ from stack.messages import Matrix, Vector
 
 __all__ = ["ARM", "FLOOR", "GRIPPER", "OBJECTS", "OBSTACLES", "WHEELS", "Physics", "PhysicsParameters", "RobotNames"]
 
-BRAKE_SHARE = 0.5
-"""What a holding brake holds, of its motor's peak torque: a quarter more than the rated torque. One as strong as the motor stops a joint at
-200 rad/s², and the other joints get what it had."""
+BRAKE_SHARE = 0.7
+"""What a holding brake holds, of its motor's peak torque: 1.75 times the rated torque. One as strong as the motor stops a joint at
+200 rad/s², and the next one gets what it had; one of half as much lets an arm whose motor is dead fall for half a second more."""
 
 
 class Physics:

@@ -108,7 +108,7 @@ ROWS = (
         emergencies=((23, EmcyCode.FOLLOWING_ERROR),),
         told_s=0.25,
         deceleration=BRAKES,
-        falls_s=0.35,
+        falls_s=0.4,
         task="hold-still",  # a hand that holds a handle keeps the arm from falling
     ),
     Row("planner-killed", stops=True, within_s=0.7, emergencies=SYNC_LOST),
