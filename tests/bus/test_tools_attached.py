@@ -96,30 +96,43 @@ def test_logger_misses_nothing_while_another_tool_stalls(tmp_path: Path) -> None
     print(f"{cost_us:.2f} µs/frame in the thread of the bus, {server.statistics()}")
 
 
+AFTERWARDS_HZ, AFTERWARDS_S = 10, 60
+"""Frames after those that count: a player that ends at once, with unread frames of its own, resets its connection, and its
+system then throws away what a server short of computing time has not had yet (docs/tools.md). It does not come to that here."""
+
+
+def frames_to_play() -> Iterator[Frame]:
+    for frames in traffic():
+        yield from frames
+    for i in range(AFTERWARDS_HZ * AFTERWARDS_S):
+        yield Frame(FILLER, b"", CYCLES * 10_000_000 + i * 1_000_000_000 // AFTERWARDS_HZ)
+
+
 @pytest.mark.slow
 def test_player_misses_nothing(tmp_path: Path) -> None:
     """Its frames come back to it, as they would from a bus, and it never reads them."""
     log = tmp_path / "played.log"
     with BusLogWriter(log) as writer:
-        for frames in traffic():
-            for frame in frames:
-                writer(frame)
-    heard = []
+        for frame in frames_to_play():
+            writer(frame)
+    heard: list[Frame] = []
     with (
         SocketcandServer(0, monotonic_ns=time.monotonic_ns, allow_inject=True) as server,
         tool("player", server, str(log)) as player,
     ):
         deadline = time.monotonic() + PATIENCE_S
-        while len(heard) < CYCLES * FRAMES_PER_CYCLE:
-            assert time.monotonic() < deadline
-            assert not player.poll(), player.communicate()[1]
+        while FILLER not in {frame.can_id for frame in heard[-100:]}:
+            assert time.monotonic() < deadline, f"{len(heard)} frames heard, {server.statistics()}"
+            assert player.poll() is None, player.communicate()
             while (frame := server.take()) is not None:
                 heard.append(frame)
                 server(frame)
                 deadline = time.monotonic() + PATIENCE_S  # it keeps real time as well as the machine lets it
             time.sleep(0.002)
+        player.send_signal(signal.SIGINT)
         assert player.wait(20) == 0
-    assert [(f.can_id, f.data) for f in heard] == [(f.can_id, f.data) for frames in traffic() for f in frames]
+    played = [frame for frame in heard if frame.can_id != FILLER]
+    assert [(f.can_id, f.data) for f in played] == [(f.can_id, f.data) for frames in traffic() for f in frames]
 
 
 class TestBridge:
