@@ -27,6 +27,7 @@ def test_a_case_that_holds_is_no_failure() -> None:
 
 def test_a_failing_case_is_made_small_and_can_be_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(soak, "VELOCITY_SHARE", 0.02)  # so strict that the motion of the task itself breaks it
+    monkeypatch.setattr(soak, "SHOCK_SHARE", 0.02)
     breaking = soak.Case(scenario_with("sliding-door", ["feedback-lost@0.5", "force-stuck@0.6"]), 4.0)
     monkeypatch.setattr(soak, "random_case", lambda draw: breaking)
     assert soak.soak(1e-3, 3, tmp_path, quiet=True) == 1
@@ -38,6 +39,14 @@ def test_a_failing_case_is_made_small_and_can_be_run_again(tmp_path: Path, monke
     assert soak.run_case(soak.Case(again, again.duration_s)) is not None
 
 
+def test_a_joint_that_stays_too_fast_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(soak, "VELOCITY_SHARE", 0.5)  # the task is faster for longer than a shock
+    failure = soak.run_case(soak.Case(scenario_with("point-to-point", []), 2.6))
+    assert failure is not None
+    monkeypatch.setattr(soak, "SHOCK_STEPS", 3000)
+    assert soak.run_case(soak.Case(scenario_with("point-to-point", []), 2.6)) is None
+
+
 @pytest.mark.parametrize(
     "fault",
     [
@@ -46,8 +55,9 @@ def test_a_failing_case_is_made_small_and_can_be_run_again(tmp_path: Path, monke
         "drive-stuck@0.655:node=26,for_s=0.276",
     ],
 )
-def test_what_the_soak_has_found_does_not_come_back(fault: str) -> None:
+def test_what_the_soak_has_found_does_not_come_back(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Elbow or shoulder blind at full speed: one ran away for 10 ms, the other was stopped so hard that the elbow got what it had. A
     joint that was held catches up, with what its loop had wound up while it was."""
+    monkeypatch.setattr(soak, "SHOCK_STEPS", 0)
     case = soak.Case(scenario_with("point-to-point", [fault]), 2.6)
     assert soak.run_case(case) is None
