@@ -25,6 +25,13 @@ PRIORITY = 20
 """Of all roles: none interrupts another, each gets all that has arrived when it is its turn. What else there is comes after them."""
 SPEAKS_UP = (("planner", b" 702#00"), ("strategic", b" 701#00"), ("sim", b" 70B#00"))
 """Boot-up messages. The robot comes last: nothing is loaded any more when it is at work."""
+PROCESSORS = {"planner": 0, "sim": 1, "strategic": 2, "candump": 2}
+"""Where each of them runs, of the processors that there are: the last two beside the robot, if there are but two."""
+
+
+def stay(name: str) -> None:
+    """Before the program is loaded: the kernel runs it where it was loaded (see with-vcan)."""
+    os.sched_setaffinity(0, {min(PROCESSORS[name], (os.cpu_count() or 1) - 1)})
 
 
 def canipulator(out: Path, pace: str, role: str) -> subprocess.Popen[bytes]:
@@ -33,7 +40,7 @@ def canipulator(out: Path, pace: str, role: str) -> subprocess.Popen[bytes]:
     if role == "sim":
         command.append("--no-rerun")
     with (out / f"{role}.txt").open("wb") as text:
-        return subprocess.Popen(command, stdout=text, stderr=subprocess.STDOUT)
+        return subprocess.Popen(command, stdout=text, stderr=subprocess.STDOUT, preexec_fn=lambda: stay(role))
 
 
 def mission(out: Path, pace: str, *, stopped: bool) -> dict[str, int]:
@@ -41,7 +48,8 @@ def mission(out: Path, pace: str, *, stopped: bool) -> dict[str, int]:
     out.mkdir(parents=True)
     heard = out / "candump.log"
     with heard.open("wb") as log:
-        candump = subprocess.Popen(["candump", "-L", "-r", "8000000", "vcan0"], stdout=log)
+        command = ["candump", "-L", "-r", "8000000", "vcan0"]
+        candump = subprocess.Popen(command, stdout=log, preexec_fn=lambda: stay("candump"))
     roles: dict[str, subprocess.Popen[bytes]] = {}
     for role, boot_up in SPEAKS_UP:
         roles[role] = canipulator(out, pace, role)
