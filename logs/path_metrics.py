@@ -33,7 +33,9 @@ def standing_s(pose_WB: Signal | None) -> float | None:
     if pose_WB is None or len(pose_WB.t_ns) < 2:
         return None
     step_s = np.diff(pose_WB.t_ns) * 1e-9
-    speed = np.linalg.norm(np.diff(pose_WB.values[:, :2, 3], axis=0), axis=1) / step_s
+    distance = np.linalg.norm(np.diff(pose_WB.values[:, :2, 3], axis=0), axis=1)
+    # Ticks that were late in real time are sampled together, at one time.
+    speed = np.divide(distance, step_s, out=np.zeros_like(distance), where=step_s > 0.0)
     moving = np.flatnonzero(speed > _MOVING_M_S)
     if not len(moving):
         return 0.0

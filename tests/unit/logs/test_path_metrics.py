@@ -13,6 +13,7 @@ from logs.path_metrics import (
     driven_distances,
     largest_distance_to_curve,
     platform_path_deviation,
+    standing_s,
 )
 from logs.signals import DecodedBlock, Signal, SignalTable
 from stack.kinematics import ArmModel
@@ -51,6 +52,18 @@ def test_way_forwards_and_backwards_is_told_by_the_heading_not_by_the_world() ->
 
 def test_a_turn_on_the_spot_is_no_way() -> None:
     assert driven_distances(poses([(1.0, 1.0, 0.1 * i) for i in range(60)])) == (0.0, 0.0)
+
+
+def test_standing_between_two_ways_is_counted_even_where_late_ticks_share_their_time() -> None:
+    there = [(0.01 * i, 0.0, 0.0) for i in range(5)]
+    waited = [there[-1]] * 20
+    on = [(there[-1][0] + 0.01 * i, 0.0, 0.0) for i in range(1, 5)]
+    assert standing_s(poses(there + waited + on)) == pytest.approx(0.20)
+    late = poses(there + waited + on)
+    late.t_ns[10] = late.t_ns[9]
+    late.t_ns[26] = late.t_ns[25]  # two places at one time
+    assert standing_s(late) == pytest.approx(0.20)
+    assert standing_s(poses(waited)) == 0.0
 
 
 def on_circle(
