@@ -8,7 +8,7 @@ JOBS ?= auto
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test faults lint check bench golden lock clean
+.PHONY: help setup run test faults lint check bench golden kernel lock clean
 
 help:  ## this list
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
@@ -46,6 +46,9 @@ bench: $(STAMP)  ## each hot path as a ratio against a stated reference
 
 golden: $(STAMP)  ## records the golden runs of the tests anew (say why in the commit)
 	@$(BIN)/python -m tests.golden.record
+
+kernel:  ## a kernel with CAN and several processors: real time in the tests on vcan0
+	@tests/socketcan/kernel/build
 
 lock: $(STAMP)  ## refreshes requirements.lock from pyproject.toml
 	@$(BIN)/pip-compile --quiet --upgrade --generate-hashes --allow-unsafe --strip-extras --extra dev --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml
