@@ -11,7 +11,7 @@ import click
 
 from canipulator.pacing import Pacer
 from config.errors import ConfigError
-from drivers.bus.lockstep import LockstepBus, LockstepPort
+from drivers.bus.lockstep import LockstepBus
 from drivers.clock import LockstepClock
 from drivers.frame import Frame
 from drivers.socketcand import HOST, SocketcandServer
@@ -72,15 +72,15 @@ class ServedRun:
         """While open, the bus is served. Gives what takes the place of `clock.run_until`."""
         server = self._server
         bus.observe(server)
-        port = bus.attach(TOOLS, (), _hear_nothing) if self._allow_inject else None
+        tools = ToolPort(server, bus) if self._allow_inject else None
         announce(server, allow_inject=self._allow_inject)
         with server:
             pacer = Pacer(self._pace, clock.now_ns())
 
             def run_until(t_ns: int) -> None:
                 while (now_ns := clock.now_ns()) < t_ns:
-                    if port is not None:
-                        _inject(server, port)
+                    if tools is not None:
+                        tools.pump()
                     step_end_ns = min(now_ns + self._step_ns, t_ns)
                     clock.run_until(step_end_ns)
                     pacer.wait(step_end_ns)
@@ -91,10 +91,23 @@ class ServedRun:
             click.echo(f"tools: {pacer.slipped_ns * 1e-9:.1f} s behind a pace of {pacer.factor:g}", err=True)
 
 
-def _inject(server: SocketcandServer, port: LockstepPort) -> None:
-    """What tools sent goes onto the bus now, as far as the port has room; the rest stays with the server."""
-    while port.queued < port.queue_limit and (frame := server.take()) is not None:
-        port.send(frame.can_id, frame.data)
+class ToolPort:
+    """What tools send goes out in the order in which they sent it, as from the queue of a CAN adapter: one frame at a time takes part
+    in the arbitration. A SYNC that a starved process reads together with the set points before it must not overtake them.
+    """
+
+    def __init__(self, server: SocketcandServer, bus: LockstepBus) -> None:
+        self._server = server
+        self._port = bus.attach(TOOLS, (), _hear_nothing)
+        bus.observe(self._on_frame)
+
+    def pump(self) -> None:
+        """The next frame that a tool wants to send goes onto the bus, if the one before it has gone out; the rest stays with the server."""
+        if not self._port.queued and (frame := self._server.take()) is not None:
+            self._port.send(frame.can_id, frame.data)
+
+    def _on_frame(self, _: Frame) -> None:
+        self.pump()
 
 
 def _hear_nothing(_: Frame) -> None:

@@ -12,6 +12,9 @@ from pathlib import Path
 import can
 import pytest
 
+from canipulator.serving import ToolPort
+from drivers.bus.lockstep import LockstepBus
+from drivers.clock import LockstepClock
 from drivers.frame import Frame
 from drivers.socketcand import SocketcandServer
 from drivers.tool_bridge import BridgeError, ToolBridge
@@ -133,6 +136,26 @@ def test_player_misses_nothing(tmp_path: Path) -> None:
         assert player.wait(20) == 0
     played = [frame for frame in heard if frame.can_id != FILLER]
     assert [(f.can_id, f.data) for f in played] == [(f.can_id, f.data) for frames in traffic() for f in frames]
+
+
+def test_frames_of_a_tool_keep_their_order_on_the_modelled_bus() -> None:
+    """A SYNC does not overtake the set point before it, however late the server is: an adapter's queue is no arbitration."""
+    sent = [Frame(can_id, bytes([n])) for n in range(20) for can_id in (0x080, 0x219)]
+    clock = LockstepClock()
+    bus = LockstepBus(clock)
+    node = bus.attach("node", (), lambda _: None)
+    wire: list[Frame] = []
+    bus.observe(wire.append)
+    with SocketcandServer(0, monotonic_ns=time.monotonic_ns, allow_inject=True) as server:
+        tools = ToolPort(server, bus)
+        with can.Bus(interface="socketcand", channel="can0", host="127.0.0.1", port=server.port) as client:
+            for frame in sent:
+                client.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False))
+            until(lambda: server.statistics().injected == len(sent))
+        node.send(0x7FF, b"")  # those of others arbitrate as ever: this one waits for all that are more urgent
+        tools.pump()
+        clock.run_until(20_000_000)
+    assert [(f.can_id, f.data) for f in wire] == [*((f.can_id, f.data) for f in sent), (0x7FF, b"")]
 
 
 class TestBridge:

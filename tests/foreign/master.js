@@ -10,7 +10,8 @@ const { Device, DataType, Eds, NmtState } = require('canopen');
 const { connect } = require('./socketcand.js');
 
 const [port, node, edsFile] = [Number(process.argv[2]), Number(process.argv[3]), process.argv[4]];
-const PERIOD_MS = 20;
+const SYNC = 0x80;
+const PERIOD_MS = 40; // busy machines hold a process up for longer than 20
 const seen = { boots: 0, heartbeats: 0, emergencies: [], aborts: {}, states: [] };
 
 const state = (word) => (word & 0x4f) === 0x40 ? 'switch on disabled' : {
@@ -22,6 +23,8 @@ async function main() {
     const device = new Device({ id: 0x7e });
     let feedback = null;
     const bus = await connect(port, (frame) => {
+        if (frame.id === SYNC) // heard when it was sent
+            return;
         if (frame.id === 0x700 + node)
             frame.data[0] === 0 ? seen.boots++ : seen.heartbeats++;
         if (frame.id === 0x180 + node) {
@@ -32,7 +35,11 @@ async function main() {
         }
         device.receive(frame);
     });
-    device.addListener('message', (message) => bus.send(message));
+    device.addListener('message', (message) => {
+        bus.send(message);
+        if (message.id === SYNC) // the package sends set points when it hears a SYNC: its own at once, not an echo that may be late
+            device.receive(message);
+    });
     device.emcy.on('emergency', (message) => seen.emergencies.push(message.em ? message.em.code : message.code));
 
     const { eds } = device;
