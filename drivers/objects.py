@@ -124,10 +124,14 @@ class DeviceDef:
     objects: tuple[ObjectDef, ...]
     pdos: tuple[PdoDef, ...] = field(default=())
     product: str = ""
+    _by_key: dict[tuple[int, int], ObjectDef] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_key", {entry.key: entry for entry in self.objects})
 
     def object(self, index: int, subindex: int = 0) -> ObjectDef:
         """The definition at (index, subindex). Raises KeyError that names both."""
-        for entry in self.objects:
-            if entry.key == (index, subindex):
-                return entry
-        raise KeyError(f"{self.name} has no object {index:04X}h sub {subindex}")
+        entry = self._by_key.get((index, subindex))
+        if entry is None:
+            raise KeyError(f"{self.name} has no object {index:04X}h sub {subindex}")
+        return entry

@@ -49,12 +49,14 @@ class CyclicData:
         self._clock = clock
         self._send = send
         self._period_ns = period_ns
-        self.rescale()
+        self._rescale()
 
-    def rescale(self) -> None:
+    def rescale(self, axis: AxisClient) -> None:
         """The units of an axis may have changed."""
-        for axis in self._axes:
-            self.gates[axis.node_id].limits = sender_limits(axis, self._period_ns)
+        self.gates[axis.node_id].limits = sender_limits(axis, self._period_ns)
+        self._rescale()
+
+    def _rescale(self) -> None:
         self._per_target = 1.0 / np.array([axis.target_scale for axis in self._axes])
         self._per_effort = 1.0 / np.array([axis.effort_scale for axis in self._axes])
 

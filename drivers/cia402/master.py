@@ -257,7 +257,7 @@ class DriveMaster:
         self._supervision.check_status(axis)
 
     def _make_ready(self, axis: AxisClient) -> None:
-        self._cyclic.rescale()
+        self._cyclic.rescale(axis)
         axis.needs_configuration = False
         axis.controlword = power.Controlword.DISABLE_VOLTAGE
         axis.missed_syncs = 0

@@ -28,8 +28,6 @@ TICK_MS = 1e3 / os.sysconf("SC_CLK_TCK")
 CYCLE_S = 0.01
 LOCKSTEP_RATIO = 2.0
 """What real time may make of the TCP error of a lockstep run."""
-DISTURBED_CYCLES = 4
-"""SYNCs that may be missed beside those, while the mission begins: what the planner calls for the first time is loaded then."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.socketcan, pytest.mark.xdist_group("vcan")]
 
@@ -101,13 +99,13 @@ def test_the_mission_in_three_processes_meets_its_expectations(session: Path) ->
     assert metrics["faults"] == []
 
 
-def test_no_cycle_is_missed_while_the_hand_is_led(session: Path) -> None:
+def test_no_cycle_is_missed(session: Path) -> None:
     metrics = json.loads((session / "mission" / "sim" / "metrics.json").read_text())
     print({name: metrics[name] for name in ("missed_cycles", "overruns", "max_lateness_us", "wall_time_s")})
     stolen = json.loads((session / "machine.json").read_text())["stolen_ms"]
     late = LATE_SYNCS + int(stolen / (1e3 * CYCLE_S))
     assert len(missed_at_work(session)) <= late
-    assert metrics["missed_cycles"] <= late + DISTURBED_CYCLES
+    assert metrics["missed_cycles"] <= late
     assert metrics["frames_lost"] == 0
 
 

@@ -147,7 +147,7 @@ def test_set_points_and_feedback_are_within_half_a_unit(
         axis.set_units(DriveUnits(position, velocity, velocity, effort))
     except UnitError:
         return
-    cyclic.rescale()
+    cyclic.rescale(axis)
     axis.follows_planner = True
     cyclic.send_targets(np.array([target]), np.array([torque]))
     _, wire_target, wire_torque = struct.unpack("<Hih", sent[-1])
