@@ -65,7 +65,7 @@ class SignalDecoder:
         self._window_bits, self._window_frames = np.zeros(len(CLASSES)), 0.0
         self._class_of = classes(devices)
         self._last_sync_ns: int | None = None
-        self._last_wheels: tuple[int, Matrix] | None = None
+        self._last_wheels: Signal | None = None
         self._states = StateDecoder({device.node_id: device.name for device in devices})
 
     def decode(self, block: Block, *, last: bool = False) -> DecodedBlock:
@@ -142,12 +142,14 @@ class SignalDecoder:
         if wheels is None:
             return
         whole = wheels.complete()
+        if self._last_wheels is not None:
+            before = self._last_wheels
+            whole = Signal(np.append(before.t_ns, whole.t_ns), np.vstack([before.values, whole.values]))
+        whole = whole.distinct()
         if not len(whole):
             return
         t_ns, position = whole.t_ns, whole.values
-        if self._last_wheels is not None:
-            t_ns, position = np.append(self._last_wheels[0], t_ns), np.vstack([self._last_wheels[1], position])
-        self._last_wheels = int(t_ns[-1]), position[-1:]
+        self._last_wheels = whole.at(slice(-1, None))
         step_s = np.diff(t_ns)[:, None] * 1e-9
         velocity = (np.diff(position, axis=0) / step_s) @ self._to_platform
         _keep(signals, "platform/velocity/encoder", (t_ns[1:] + t_ns[:-1]) // 2, velocity)

@@ -32,10 +32,9 @@ def standing_s(pose_WB: Signal | None) -> float | None:
     """How long (s) the platform stood still (below 10 mm/s) between its first and its last motion (above 20 mm/s); 0 if it never moved."""
     if pose_WB is None or len(pose_WB.t_ns) < 2:
         return None
+    pose_WB = pose_WB.distinct()
     step_s = np.diff(pose_WB.t_ns) * 1e-9
-    distance = np.linalg.norm(np.diff(pose_WB.values[:, :2, 3], axis=0), axis=1)
-    # Ticks that were late in real time are sampled together, at one time.
-    speed = np.divide(distance, step_s, out=np.zeros_like(distance), where=step_s > 0.0)
+    speed = np.linalg.norm(np.diff(pose_WB.values[:, :2, 3], axis=0), axis=1) / step_s
     moving = np.flatnonzero(speed > _MOVING_M_S)
     if not len(moving):
         return 0.0
@@ -110,7 +109,7 @@ def acceleration_steps(dq: Signal | None, t_ns: tuple[int, int] | None, names: S
     """
     if dq is None or t_ns is None:
         return {}
-    inside = dq.at((dq.t_ns >= t_ns[0]) & (dq.t_ns <= t_ns[1]))
+    inside = dq.at((dq.t_ns >= t_ns[0]) & (dq.t_ns <= t_ns[1])).distinct()
     if len(inside) < 3:
         return {}
     acceleration = np.diff(inside.values, axis=0) / np.diff(inside.t_s)[:, None]

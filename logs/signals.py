@@ -68,6 +68,10 @@ class Signal:
         missing = np.isnan(self.values).reshape(len(self), -1)
         return self.at(np.flatnonzero(~missing.any(axis=1)))
 
+    def distinct(self) -> Signal:
+        """The first row of each time: in real time, ticks that were late together are sampled at one, and nothing has a rate there."""
+        return self.at(np.flatnonzero(np.diff(self.t_ns, prepend=self.t_ns[:1] - 1) > 0))
+
     def at(self, rows: Ints | slice | NDArray[np.bool_]) -> Signal:
         """Some of the rows."""
         return Signal(self.t_ns[rows], self.values[rows])

@@ -57,7 +57,9 @@ class Trace:
 def _rate(values: Array, t_s: Vector) -> Array:
     """Backward difference quotient, 0 in the first row."""
     rate = np.zeros_like(values)
-    rate[1:] = np.diff(values, axis=0) / np.diff(t_s)[:, None]
+    step_s = np.diff(t_s)[:, None]
+    # Ticks that were late in real time are sampled together, at one time.
+    np.divide(np.diff(values, axis=0), step_s, out=rate[1:], where=step_s > 0.0)
     return rate
 
 

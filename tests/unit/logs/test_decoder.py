@@ -60,6 +60,17 @@ def test_platform_velocity_commanded_by_encoders_and_true_agree_without_slip(run
     np.testing.assert_allclose(table["platform/velocity/encoder"].values[1:], true[2:], atol=3e-4)
 
 
+def test_cycles_that_were_late_together_have_no_velocity_between_them(run: Motion) -> None:
+    """In real time two SYNCs can be heard at one time: a warning would fail this test. In one block and in two."""
+    in_time = _frames(run, range(4))
+    third = in_time.index(_frames(run, range(2, 3))[0])
+    frames = [frame._replace(t_ns=min(frame.t_ns, in_time[third].t_ns)) for frame in in_time]
+    for cuts in ((), (third + 1,)):
+        velocity = _table(frames, cuts)["platform/velocity/encoder"]
+        assert len(velocity) == 2
+        assert np.all(np.isfinite(velocity.values))
+
+
 def test_references_are_for_two_cycles_later_and_only_the_valid_ones(table: SignalTable) -> None:
     pose = table["reference/pose"]
     assert pose.t_ns[0] == (MOTION_STARTS + 2) * PERIOD_NS + T0

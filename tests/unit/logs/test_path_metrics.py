@@ -153,6 +153,9 @@ def test_steps_of_acceleration_are_those_of_the_mean_over_a_cycle() -> None:
     later = acceleration_steps(signal(dq), (30 * PERIOD_NS, 99 * PERIOD_NS), ARM.joint_names)
     assert later["tower_lift"] == pytest.approx(0.0, abs=1e-9)
     assert acceleration_steps(None, (0, 1), ARM.joint_names) == {}
+    ticks = signal(dq)
+    late = Signal(np.append(ticks.t_ns, ticks.t_ns[-1:]), np.vstack([ticks.values, ticks.values[-1:]]))
+    assert acceleration_steps(late, (0, 99 * PERIOD_NS), ARM.joint_names) == steps, "two ticks at one time"
 
 
 def test_they_are_in_the_metrics_of_a_run() -> None:
