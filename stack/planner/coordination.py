@@ -5,22 +5,22 @@ Thesis chapter 4. Everything here is expressed in the end-point frame of the arm
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stack.compiled import compiled
 from stack.kinematics.arm import ArmModel, ArmState, turned_rows
 from stack.kinematics.platform import platform_columns
 from stack.kinematics.proximity import BodyDistances, Proximity
 from stack.messages import Restriction, Vector
+from stack.planner.arm_command import ArmCommand, clipped, restrictions_around, restrictions_of, within_bounds
 from stack.planner.avoidance import Zones, circumvent, in_hand, repulsion, zones
 from stack.planner.clearance import Standing, dampers, must_brake, nearest_pairs
 from stack.planner.limits import velocity_bounds
-from stack.planner.odometry import PlatformPose, PlatformRate
+from stack.planner.odometry import PlatformRate
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
+from stack.planner.platform_command import PLATFORM_DELAY_S, PlatformCommand, accelerated, platform_wish
 from stack.planner.preferences import preferred_velocity
 from stack.planner.problem import Matrix, Problem, Solution, Status
 from stack.planner.resolvers import RESOLVERS
@@ -32,30 +32,6 @@ from stack.planner.singularities import manifold_margins
 
 RECOVERY_RATE = 2.0
 _NO_ROWS_8, _NO_ROWS_10, _NO_VALUES = np.zeros((0, 8)), np.zeros((0, 10)), np.zeros(0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ArmCommand:
-    """Joint velocities (n,) of one arm cycle, the share of the path that they follow, and what shaped them."""
-
-    dq: Vector
-    scale: float
-    status: Status
-    restrictions: Restriction
-    sigma: Vector
-
-    @classmethod
-    def holding(cls, n: int) -> ArmCommand:
-        """The arm keeps still."""
-        return cls(np.zeros(n), 1.0, Status.OK, Restriction.NONE, np.zeros(6))
-
-
-@dataclass(frozen=True, slots=True)
-class PlatformCommand:
-    """Platform rate of one platform cycle and whether a limit of the platform shaped it."""
-
-    rate: PlatformRate
-    restrictions: Restriction = Restriction.NONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +119,7 @@ class Coordinator:
             bounds = (lower, upper) if exact else (-top, top)
             table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
             named = self._by_name(parameters, jacobian, twist, weights, z, bounds, model.q, table, avoiding)
-            command = named if exact else _clipped(named, lower, upper)
+            command = named if exact else clipped(named, lower, upper)
             return self._stopped_short(command, avoiding, standing, lower, upper, parameters)
         table = self.arm_table if parameters.joint_limit_rules else self.arm_table_free
         around: tuple[str, ...] = ()
@@ -160,8 +136,8 @@ class Coordinator:
                 return wished_step(jacobian, twist, model.q, z, weight, table, rows, values, epsilon)
 
             step, around = circumvent(within, avoiding.zones, self.n, self.n - _TASK + avoiding.at_the_cost_of_the_task)
-        restrictions = _restrictions(step.limited, step.status, step.scale) | _of_circumvention(around)
-        command = _clipped(ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma), lower, upper)
+        restrictions = restrictions_of(step.limited, step.status, step.scale) | restrictions_around(around)
+        command = clipped(ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma), lower, upper)
         return self._stopped_short(command, avoiding, standing, lower, upper, parameters)
 
     def _stopped_short(
@@ -198,7 +174,9 @@ class Coordinator:
         """The whole robot for the TCP `twist` (6,): the platform's share is its next command, the arm's is what `unified` sends."""
         n, limits = self.n, self.limits
         columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
-        z = np.append(self._wishes(model.q, window, parameters), self._platform_wish(model, slow_twist, parameters))
+        z = np.append(
+            self._wishes(model.q, window, parameters), platform_wish(model, slow_twist, parameters.preferences)
+        )
         q = np.append(model.q, (0.0, 0.0))
         avoiding = self._avoidance(model, window, parameters, standing)
         if parameters.method is Method.PNS:
@@ -219,7 +197,7 @@ class Coordinator:
                 step, around = circumvent(
                     within, avoiding.zones, n + 2, n + 2 - _TASK + avoiding.at_the_cost_of_the_task
                 )
-            restrictions = _restrictions(step.limited[:n], step.status) | _of_circumvention(around)
+            restrictions = restrictions_of(step.limited[:n], step.status) | restrictions_around(around)
             whole = ArmCommand(step.dq, step.scale, Status(step.status), restrictions, step.sigma)
         else:
             extended = np.hstack((model.end_point_jacobian, columns))
@@ -269,20 +247,6 @@ class Coordinator:
         z: Vector = window * preferred_velocity(q, wish.preferred, wish.heights, wish.widths)
         return z
 
-    def _platform_wish(self, model: ArmState, slow_twist: Vector, parameters: PlannerParameters) -> tuple[float, float]:
-        """Preferred v and ω (4.1.3): feed-forward of the slow TCP command, and the P-controller of the heading (Fig. 4.7)."""
-        wish = parameters.preferences
-        velocity = model.rotation @ slow_twist[:3]
-        speed = math.hypot(velocity[0], velocity[1])
-        v = wish.platform_speed + wish.platform_feed_forward * float(velocity[0])
-        if speed < _STANDSTILL:
-            return v, 0.0
-        error = _wrapped(math.atan2(velocity[1], velocity[0]) - wish.platform_angle)
-        # The direction of a vanishing velocity means nothing: fade the controller in with the speed.
-        fade = min(1.0, speed / _FULL_SPEED)
-        omega = min(max(wish.platform_gain * error, -wish.platform_max_rate), wish.platform_max_rate)
-        return v, fade * omega
-
     def _by_name(
         self,
         parameters: PlannerParameters,
@@ -312,85 +276,13 @@ class Coordinator:
         else:
             named, around = circumvent(within, avoiding.zones, width, width - _TASK + avoiding.at_the_cost_of_the_task)
         solution = named.solution
-        restrictions = _restrictions(named.limited[: self.n], solution.status, solution.scale)
-        restrictions |= _of_circumvention(around)
+        restrictions = restrictions_of(named.limited[: self.n], solution.status, solution.scale)
+        restrictions |= restrictions_around(around)
         return ArmCommand(solution.dq, solution.scale, solution.status, restrictions, solution.sigma)
-
-
-def _clipped(command: ArmCommand, lower: Vector, upper: Vector) -> ArmCommand:
-    """Accelerations are limited joint by joint and last: the path loop works off what that costs, while slowing the path for it
-    would also slow what compensates the platform."""
-    dq, worst = within_bounds(command.dq, lower, upper)
-    if worst <= 1e-6:
-        return command
-    return replace(command, dq=dq, restrictions=command.restrictions | Restriction.ACCELERATION)
-
-
-def accelerated(wanted: PlatformRate, current: PlatformRate, limits: Limits, period_s: float) -> PlatformCommand:
-    """`wanted` within the platform's speed limits, v and ω scaled together so that the curvature stays, and its accelerations."""
-    share = min(1.0, limits.v_max / max(abs(wanted.v), 1e-12), limits.omega_max / max(abs(wanted.omega), 1e-12))
-    v = _towards(share * wanted.v, current.v, limits.dv_max * period_s)
-    omega = _towards(share * wanted.omega, current.omega, limits.domega_max * period_s)
-    limited = abs(v - wanted.v) + abs(omega - wanted.omega) > 1e-9
-    return PlatformCommand(PlatformRate(v, omega), Restriction.PLATFORM if limited else Restriction.NONE)
-
-
-def following(wanted: PlatformRate, target: PlatformPose, pose: PlatformPose) -> PlatformRate:
-    """`wanted` plus what takes the platform from `pose` back to `target` on its way (Kanayama et al. 1990)."""
-    dx, dy = target.x - pose.x, target.y - pose.y
-    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-    ahead, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
-    turn = _wrapped(target.heading - pose.heading)
-    v = wanted.v * math.cos(turn) + _ALONG * ahead
-    return PlatformRate(v, wanted.omega + _TURN * turn + _ACROSS * wanted.v * aside)
-
-
-def _towards(wanted: float, current: float, step: float) -> float:
-    return min(max(wanted, current - step), current + step)
-
-
-def _wrapped(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)
-
-
-@compiled
-def within_bounds(dq: Vector, lower: Vector, upper: Vector) -> tuple[Vector, float]:
-    """dq (n,) clipped joint by joint, and the most that this changed of any of them."""
-    clipped = np.empty(dq.shape[0])
-    worst = 0.0
-    for i in range(dq.shape[0]):
-        clipped[i] = min(max(dq[i], lower[i]), upper[i])
-        worst = max(worst, abs(clipped[i] - dq[i]))
-    return clipped, worst
-
-
-def _restrictions(limited: NDArray[np.bool_], status: int, scale: float = 1.0) -> Restriction:
-    """Joints that the rule base limits, what became of the task, and whether the path was slowed down."""
-    bits = _BITS_OF_STATUS.get(status, 0) | (int(Restriction.VELOCITY) if scale < 1.0 else 0)
-    for i, is_limited in enumerate(limited.tolist()):
-        bits |= is_limited << i
-    return Restriction(bits)
-
-
-def _of_circumvention(around: tuple[str, ...]) -> Restriction:
-    """Manifolds have names of one word, pairs of things that are near each other of several."""
-    bits = Restriction.NONE
-    for name in around:
-        bits |= Restriction.COLLISION if " - " in name else Restriction.SINGULARITY
-    return bits
 
 
 _COLLISION_ROWS = 2
 _BRAKING_CYCLES = 2.0
-PLATFORM_DELAY_S = 0.15
-"""Platform cycle, dead time and lag of the wheels together."""
 _NO_RATE = np.zeros(2)
 _STOPPED_SHORT = Restriction.COLLISION | Restriction.DEGRADED
 _TASK = 6
-_BITS_OF_STATUS = {
-    int(Status.SINGULAR): int(Restriction.SINGULARITY),
-    int(Status.DEGRADED): int(Restriction.DEGRADED),
-}
-_STANDSTILL = 1e-3
-_FULL_SPEED = 0.05
-_ALONG, _ACROSS, _TURN = 1.0, 3.0, 1.5

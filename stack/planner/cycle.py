@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stack.messages import JointReference, Matrix, Mode, Restriction, TrackedPose, Vector
-from stack.planner.coordination import ArmCommand, PlatformCommand
+from stack.planner.arm_command import ArmCommand
 from stack.planner.drift import DriftEstimate
 from stack.planner.joint_following import JointFollower
 from stack.planner.leaf import LeafState
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate
 from stack.planner.path_following import Deviation, PathFollower
+from stack.planner.platform_command import PlatformCommand
 from stack.planner.preference_change import PreferenceChange
 from stack.planner.reference import CommandFilter
 

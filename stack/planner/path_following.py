@@ -14,10 +14,12 @@ import numpy as np
 from stack.kinematics.arm import ArmState, turned_rows
 from stack.kinematics.platform import path_column, platform_columns
 from stack.messages import Matrix, Restriction, Vector
+from stack.planner.arm_command import ArmCommand
 from stack.planner.clearance import Standing, must_brake
-from stack.planner.coordination import PLATFORM_DELAY_S, ArmCommand, Coordinator, PlatformCommand, accelerated
+from stack.planner.coordination import Coordinator
 from stack.planner.odometry import PlatformPose, PlatformRate, WheelModel
 from stack.planner.parameters import Coordination, Limits, Method, PlannerParameters
+from stack.planner.platform_command import PLATFORM_DELAY_S, PlatformCommand, accelerated, platform_wish
 from stack.planner.platform_path import PathPoint, PlatformPath, RelativePath
 
 _OMEGA_SHARE, _YAW_SHARE, _BEND_SHARE, _STOP_SHARE = 0.9, 0.8, 0.5, 0.5
@@ -142,7 +144,7 @@ class PathCoordinator(Coordinator):
         n, wish = self.n, parameters.preferences
         columns = turned_rows(model.rotation.T, platform_columns(model.position + self.base))
         jacobian = np.column_stack((model.end_point_jacobian, path_column(columns, 1.0, curvature)))
-        v, omega = self._platform_wish(model, slow_twist, parameters)
+        v, omega = platform_wish(model, slow_twist, wish)
         weight_v, weight_omega = wish.weights[n:]
         weight = weight_v + curvature * curvature * weight_omega
         wished = (weight_v * v + curvature * weight_omega * omega) / weight

@@ -14,8 +14,8 @@ from stack.kinematics.arm import ArmModel, ArmState
 from stack.kinematics.platform import platform_of, wheel_speeds
 from stack.kinematics.se3 import pose_inverse
 from stack.messages import Matrix, Mode, Restriction, Vector
+from stack.planner.arm_command import ArmCommand
 from stack.planner.clearance import Standing
-from stack.planner.coordination import ArmCommand, PlatformCommand, accelerated, following
 from stack.planner.cycle import PlannerInputs, PlannerOutputs, PlannerState
 from stack.planner.drift import Belief, DriftLaw
 from stack.planner.joint_following import JointFollower, velocity_to
@@ -23,6 +23,7 @@ from stack.planner.observer import slipping
 from stack.planner.odometry import Odometry, PlatformPose, PlatformRate, WheelModel, advance
 from stack.planner.parameters import Coordination, Limits, PlannerParameters
 from stack.planner.path_following import PathCoordinator, PathFollower, in_reference, lead_periods
+from stack.planner.platform_command import PlatformCommand, accelerated, following
 from stack.planner.preferences import window
 from stack.planner.problem import Status
 from stack.planner.reference import CommandFilter

@@ -21,6 +21,7 @@ from stack.planner.path_following import (
     steered,
     top_speed,
 )
+from stack.planner.platform_command import platform_wish
 from stack.planner.platform_path import CirclePath, LinePath, PathPoint, RelativePath, SplinePath
 from stack.planner.problem import Problem
 from stack.planner.resolvers import RESOLVERS
@@ -73,9 +74,7 @@ def test_arm_and_path_together_do_the_task_as_well_as_a_platform_that_may_not_le
     jacobian = np.column_stack((state.end_point_jacobian, path_column(columns, 1.0, curvature)))
     np.testing.assert_allclose(jacobian @ found.dq, twist, atol=1e-7)
     wish = wanted.preferences
-    z = np.append(
-        wish.heights * np.tanh((wish.preferred - q) / wish.widths), COORDINATOR._platform_wish(state, slow, wanted)
-    )
+    z = np.append(wish.heights * np.tanh((wish.preferred - q) / wish.widths), platform_wish(state, slow, wish))
     row = np.zeros((1, 10))
     row[0, 8:] = -curvature, 1.0
     whole = RESOLVERS["pns"](Problem(extended(ARM, state), twist, B=wish.weights, z=z, A=row, b=np.zeros(1)))

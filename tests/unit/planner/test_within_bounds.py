@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stack.planner.coordination import within_bounds
+from stack.planner.arm_command import within_bounds
 
 vectors = st.lists(st.floats(-3.0, 3.0), min_size=8, max_size=8).map(np.array)
 
