@@ -18,9 +18,9 @@ from canipulator.dashboard import Dashboard, Status
 from canipulator.dashboard import wanted as dashboard_wanted
 from canipulator.ending import ended_by
 from canipulator.judging import check_expectations, check_scenario, run_info
+from canipulator.mission_end import MissionEnd
 from canipulator.outcome import Outcome, RunOptions, run_directory
 from canipulator.roles import SimulatedRobot, planner_role, simulated_robot, strategic_role
-from canipulator.run import SETTLE_NS
 from canipulator.warm_up import warm_up
 from canipulator.wire import Wire, run_time, undisturbed
 from canipulator.wire_report import report
@@ -30,9 +30,7 @@ from config.load import dump_scenario
 from config.robot import Robot, load_robot
 from config.scenario import Scenario
 from drivers.bus.python_can import PythonCanBus
-from drivers.canopen.nmt import NmtCommand
 from drivers.cia402.bring_up import MasterTimes
-from drivers.cia402.phases import MasterPhase
 from drivers.clock import LAST
 from drivers.frame import Frame
 from drivers.planner_node import PlannerNode
@@ -44,21 +42,11 @@ from logs.events import Event, EventLog, Level
 from logs.run_log import RunLog
 from logs.tape import SYNC_ID
 from stack.messages import Truth
-from stack.strategic.mission import Stage
 
 TIMES = MasterTimes(boot_ns=600_000_000_000, boot_report_ns=5_000_000_000)
 """Drives of another process, or of a bench, may be switched on much later than the planner."""
 CHUNK_NS = 50_000_000
 REPORT_NS = 5_000_000_000
-PLANNER_PATIENCE_NS = 120_000_000_000
-"""How long a mission waits for a planner that is ready."""
-RETURN_PATIENCE_NS = 60_000_000_000
-"""How long sim and planner wait for a strategic node that has left without having finished."""
-FAREWELL_NS = 500_000_000
-"""How long a strategic node that has finished goes on saying so."""
-LEAVE_NS = {"planner": 5_000_000_000, "sim": 8_000_000_000}
-"""From the end of the mission to the end of a role at the latest: the planner comes to rest and switches the drives off."""
-SWITCHED_OFF = (MasterPhase.OFF, MasterPhase.BOOT, MasterPhase.CONFIGURE, MasterPhase.READY, MasterPhase.FAULT)
 SIM_CATCH_UP_NS = 100_000_000
 SIM_GRAIN_NS = 1_000_000
 """Physics alone in its process is woken up by its own step only, and by frames; its other timers go along with that."""
@@ -138,8 +126,7 @@ class WireRun:
         self.strategic: StrategicNode | None = None
         self.log: RunLog | None = None
         self._events: EventLog | None = None
-        self._ended_ns: int | None = None
-        self._began_ns = self._report_ns = 0
+        self._report_ns = 0
         self._forgotten = False
         self.bus_log = BusLogWriter(
             directory / "bus.log", clock=self.clock, flush_ns=LOG_FLUSH_NS, on_error=self._on_log_error
@@ -147,6 +134,7 @@ class WireRun:
         bus.observe(self.watch)
         bus.observe(self.bus_log)
         self._compose()
+        self.end = MissionEnd(wire.roles, scenario, self.watch, self.planner, self.strategic, self._fail)
 
     def _compose(self) -> None:
         """The roles of this process, nothing powered yet."""
@@ -201,7 +189,8 @@ class WireRun:
     def go(self) -> int | None:
         """Runs to the end; the number of the signal that ended it, None if it ended by itself."""
         self.bus.forget_arrived()
-        self._began_ns = began_ns = self.clock.now_ns()
+        began_ns = self.clock.now_ns()
+        self.end.waiting_since_ns = began_ns
         end_ns = None if self.options.duration_s is None else began_ns + round(1e9 * self.options.duration_s)
         self._report_ns = began_ns + REPORT_NS
         with (
@@ -211,12 +200,15 @@ class WireRun:
             self._shown(),
         ):
             self.power_on()
-            while ending.signal is None and not self._done(self.clock.now_ns()):
+            while ending.signal is None and not self.end.reached(self.clock.now_ns()):
                 now_ns = self.clock.now_ns()
                 if end_ns is not None and now_ns >= end_ns:
                     break
                 self.clock.run_until(now_ns + CHUNK_NS if end_ns is None else min(now_ns + CHUNK_NS, end_ns))
-                self._look()
+                if not self.end.began:
+                    self._look()
+        if self.end.failed:
+            self.failure = "the mission has failed"
         self.elapsed_s = (self.clock.now_ns() - began_ns) * 1e-9
         if ending.signal is not None:
             self._on_event(Level.WARN, "run", "interrupted" if ending.signal == signal.SIGINT else "told to end")
@@ -251,56 +243,13 @@ class WireRun:
         if self.planner is not None:
             self.planner.power_on()
 
-    def _done(self, now_ns: int) -> bool:
-        """Whether there is nothing left to do for the roles of this process."""
-        if self.strategic is not None:
-            return self._mission_done(self.strategic, now_ns)
-        watch = self.watch
-        if watch.finished_ns is not None:
-            return self._all_at_rest(now_ns, watch.finished_ns)
-        if watch.strategic_ns is None or watch.silent_for_ns(watch.strategic_ns, now_ns) < RETURN_PATIENCE_NS:
-            return False
-        self._fail("the strategic node has left without having finished, and has not come back")
-        return True
-
-    def _mission_done(self, strategic: StrategicNode, now_ns: int) -> bool:
-        stage = strategic.stage
-        if stage is Stage.WAITING and now_ns - self._began_ns > PLANNER_PATIENCE_NS:
-            self._fail("no planner got ready")
-            return True
-        over_ns = None if self.watch.began_ns is None else self.watch.began_ns + round(2e9 * self.scenario.duration_s)
-        if over_ns is not None and now_ns > over_ns and self._ended_ns is None:
-            self._fail("the mission takes more than twice the scenario's time")
-            return True
-        if stage not in (Stage.FINISHED, Stage.FAILED):
-            return False
-        if self._ended_ns is None:
-            self._ended_ns = now_ns
-            if stage is Stage.FAILED:
-                self.failure = "the mission has failed"
-        if now_ns < self._ended_ns + SETTLE_NS:
-            return False
-        if stage is Stage.FINISHED:
-            strategic.node.nmt.command(NmtCommand.STOP)  # its heartbeats tell everybody that it has done its work
-        if now_ns < self._ended_ns + SETTLE_NS + FAREWELL_NS:
-            return False
-        return self.wire.roles == ("strategic",) or self._all_at_rest(now_ns, self._ended_ns)
-
-    def _all_at_rest(self, now_ns: int, ended_ns: int) -> bool:
-        """The planner goes when it has switched the drives off, the robot after the planner; neither waits for ever."""
-        if now_ns >= ended_ns + max(LEAVE_NS.get(role, 0) for role in self.wire.roles):
-            return True
-        if self.planner is None:
-            return self.watch.silent_for_ns(self.watch.planner_ns, now_ns) > 0
-        return now_ns >= ended_ns + FAREWELL_NS and self.planner.master.phase in SWITCHED_OFF
-
     def _look(self) -> None:
         """Between two pieces of the run: what has become of the others."""
         if not self._forgotten and self.watch.began_ns is not None:
             self._forgotten = True
             self.clock.forget_lateness()  # late while the planner was loading: nobody was moving
         now_ns = self.clock.now_ns()
-        if now_ns < self._report_ns or self._ended_ns is not None:
+        if now_ns < self._report_ns:
             return
         watch, roles = self.watch, self.wire.roles
         for role, last_ns in (("planner", watch.planner_ns), ("strategic", watch.strategic_ns)):

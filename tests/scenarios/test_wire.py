@@ -186,14 +186,14 @@ def test_the_strategic_node_is_killed_the_robot_stops_and_the_next_mission_succe
 def test_a_role_ends_with_the_mission_and_not_before(stage: Stage3) -> None:
     sim, planner, strategic = (stage.start(role) for role in ROLES)
     assert stage.go(10.0, finished(strategic))
-    assert not any(run._done(stage.time.ns) for run in (sim, planner))
+    assert not any(run.end.reached(stage.time.ns) for run in (sim, planner))
     states = [drive.state for drive in sim.sim.drives]
     assert set(states) == {State.OPERATION_ENABLED}
     ends: dict[str, int] = {}
     for _ in range(80):
         stage.go(0.1)
         for name, run in tuple(stage.runs.items()):
-            if run._done(stage.time.ns):
+            if run.end.reached(stage.time.ns):
                 ends[name] = stage.time.ns
                 assert run.failure is None
                 stage.kill(name)
