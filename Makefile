@@ -3,7 +3,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 STAMP := .venv/.ready
-JOBS ?= auto
+# As many as this process may use: tied to two cores of four, four workers would share them.
+JOBS ?= $(shell nproc 2>/dev/null || echo auto)
 # Compiled modules are kept whatever the shell says: the tests start some hundred processes, each would compile everything anew.
 export PYTHONDONTWRITEBYTECODE :=
 

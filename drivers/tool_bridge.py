@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import can
 
+from drivers.bus.carrier import reason
 from drivers.frame import Frame
 from drivers.socketcand import SocketcandServer
 from drivers.socketcand_protocol import EXTENDED, MAX_EXTENDED_ID
@@ -30,7 +31,7 @@ class ToolBridge:
         try:
             self._bus = can.Bus(interface=interface, channel=channel, receive_own_messages=True)
         except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
-            raise BridgeError(f"{interface}:{channel} cannot be opened: {error}") from error
+            raise BridgeError(f"{interface}:{channel} cannot be opened: {reason(error)}") from error
         self.skipped = 0
         self._server = server
         self._unsent: can.Message | None = None
@@ -47,7 +48,7 @@ class ToolBridge:
             try:
                 message = self._bus.recv(POLL_S)
             except (can.CanError, OSError) as error:
-                raise BridgeError(f"{self._bus.channel_info} has gone: {error}") from error
+                raise BridgeError(f"{self._bus.channel_info} has gone: {reason(error)}") from error
             if message is not None:
                 self._publish(message)
             self._send()
