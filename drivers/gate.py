@@ -105,7 +105,7 @@ class Counts:
 class SetPointGate:
     """One drive's set points. `judge` every frame that comes, `on_sync` at every SYNC, `seed` when the axis is enabled."""
 
-    __slots__ = ("_last", "_offset", "_periods", "_step", "_sync_ns", "_taken", "counts", "limits")
+    __slots__ = ("_last", "_offset", "_passed", "_periods", "_step", "_sync_ns", "_taken", "counts", "limits")
 
     def __init__(self, limits: SetPointLimits) -> None:
         self.limits = limits
@@ -115,6 +115,7 @@ class SetPointGate:
         self._offset = 0
         self._periods = 0
         self._taken: bytes | None = None
+        self._passed = b""
         self._sync_ns: int | None = None
 
     def on_sync(self, t_ns: int) -> None:
@@ -136,10 +137,11 @@ class SetPointGate:
         enables = word & ENABLE_BITS == ENABLE and not word & FAULT_RESET
         if not engaged or not enables:
             self._taken = data if enables else None  # what takes power away is no set point: one may follow it
+            self._passed = data
             self.seed(target, offset)
             return data, None
         if data == self._taken:
-            return data, None
+            return self._passed, None
         limits, periods = self.limits, max(1, self._periods)
         if self._taken is not None:
             if self._sync_ns is None or t_ns - self._sync_ns < OVERDUE * limits.period_ns:
@@ -147,16 +149,18 @@ class SetPointGate:
             periods += 1  # a SYNC got lost in between
         if limits.jump is not None and abs(wrapped(target - self._last)) > limits.jump * periods:
             return None, self.counts.note(Reason.JUMP)
-        target, limited = limit(target, limits.lower, limits.upper)
+        bent = False
         if limits.bend is not None and self._step is not None and periods == 1:
             target, bent = limit_change(target, self._last + self._step, limits.bend)
-            limited = limited or bent
-        offset, clipped = limit(offset, -limits.offset, limits.offset)
+        # What it may be comes after how fast it may become that: nothing leads out of these.
+        target, limited = limit(target, limits.lower, limits.upper)
         offset, slowed = limit_change(offset, self._offset, limits.offset_change * periods)
+        offset, clipped = limit(offset, -limits.offset, limits.offset)
         self._step = wrapped(target - self._last) if periods == 1 else None
-        self._last, self._offset, self._taken = target, offset, data
-        if limited or clipped or slowed:
-            return SET_POINT.pack(word, target, offset), self.counts.note(Reason.LIMITED)
+        self._last, self._offset, self._taken, self._passed = target, offset, data, data
+        if limited or bent or clipped or slowed:
+            self._passed = SET_POINT.pack(word, target, offset)
+            return self._passed, self.counts.note(Reason.LIMITED)
         return data, None
 
 

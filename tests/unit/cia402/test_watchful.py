@@ -148,3 +148,43 @@ def test_a_drive_as_shipped_lets_targets_jump_and_leads_the_axis_there_itself() 
     rig.run(1500 * MS)
     assert rig.plant.position[0] * 1e6 == pytest.approx(master.target[JOINT], abs=500)
     assert emergencies(rig, JOINT) == []
+
+
+def test_refusals_in_a_row_are_one_emergency() -> None:
+    rig, master = moving(JOINT)
+    assert master.write(JOINT, GATE_MARGIN, 0, struct.pack("<H", 3000)) == 0
+    master.command(0x0F, 1)
+    rig.drive.gate.seed(master.target[JOINT])
+    master.target[JOINT] += 400_000
+    rig.run(2 * SYNC_NS)
+    master.target[JOINT] -= 400_000
+    rig.run(10 * SYNC_NS)
+    assert emergencies(rig, JOINT) == [0xFF01, 0]
+    assert struct.unpack("<I", master.read(JOINT, 0x2101)) == (2,)
+
+
+def test_a_target_beyond_the_limits_passes_as_the_limit_and_is_counted() -> None:
+    rig, master = moving(JOINT, 0)
+    (upper,) = struct.unpack("<i", master.read(JOINT, 0x607D, 2))
+    master.target[JOINT] = upper + 1000
+    rig.run(2 * SYNC_NS)
+    assert struct.unpack("<i", master.read(JOINT, 0x607A)) == (upper,)
+    assert struct.unpack("<I", master.read(JOINT, 0x2102))[0] >= 1
+
+
+@pytest.mark.parametrize(("limit", "largest"), [(1000, 1000), (0xFFFF, 0x7FFF)])
+@pytest.mark.parametrize("wanted", [0x7FFF, -0x8000])
+def test_a_torque_offset_grows_by_half_of_the_limit_a_period_and_not_beyond_it(
+    limit: int, largest: int, wanted: int
+) -> None:
+    rig = Rig(JOINT, defaults={(0x6072, 0): limit})
+    master = Master(rig)
+    master.enable()
+    master.offset[JOINT] = wanted
+    offsets: list[int] = []
+    for _ in range(3):
+        rig.run(SYNC_NS)
+        assert rig.drive.state is State.OPERATION_ENABLED
+        offsets.append(struct.unpack("<h", rig.drive.node.rpdo[1].pending[6:8])[0])  # type: ignore[index]
+    sign = np.sign(wanted)
+    assert offsets == [sign * round(largest / 2), sign * largest, sign * largest]

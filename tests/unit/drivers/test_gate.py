@@ -141,6 +141,17 @@ def test_one_set_point_in_a_period_the_first() -> None:
     assert stream.next(frame(2_000))[1] is None
 
 
+def test_the_same_twice_in_a_period_passes_twice_as_it_was_limited() -> None:
+    stream = Stream(begin=1_999_000)
+    data = frame(2_000_500, 9_999)
+    first = stream.next(data)
+    assert first == (frame(2_000_000, 1000), Reason.LIMITED)
+    assert stream.gate.judge(data, True, stream.t_ns + 4 * MS) == (first[0], None)
+    stopped = frame(2_000_500, 9_999, word=0x0B)
+    assert stream.gate.judge(stopped, True, stream.t_ns + 5 * MS) == (stopped, None)
+    assert stream.next(frame(2_000_500, 9_999)) == (frame(2_000_000, 2000), Reason.LIMITED)
+
+
 def test_a_second_one_passes_where_a_sync_got_lost() -> None:
     stream = Stream()
     stream.next(frame(1_000))
@@ -160,6 +171,18 @@ def test_positions_torques_and_their_changes_are_limited() -> None:
     assert stream.next(frame(2_000_000, -9_999))[1] is Reason.LIMITED
     assert stream.gate.counts.by_reason[Reason.LIMITED] == 4
     assert stream.gate.counts.refused == 0
+
+
+def test_limits_hold_however_fast_it_comes_to_them() -> None:
+    stream = Stream(begin=1_960_000)
+    assert [target_of(stream.next(frame(target))[0])[0] for target in (1_980_000, 2_000_000, 2_000_000, 2_000_000)] == [
+        1_980_000,
+        2_000_000,
+        2_000_000,
+        2_000_000,
+    ]
+    stream.next(frame(2_000_000, 9_999, word=0x0B))  # a stop says what it likes
+    assert target_of(stream.next(frame(2_000_000, 9_999))[0]) == (2_000_000, 2000)
 
 
 def test_acceleration_is_limited_once_a_velocity_is_known() -> None:
@@ -258,22 +281,22 @@ def test_a_firewall_of_identifiers_lengths_and_rates() -> None:
 
 @given(st.lists(st.tuples(st.binary(min_size=8, max_size=8), st.booleans(), st.integers(0, 4)), max_size=60))
 def test_nothing_gets_through_that_is_outside_its_limits(stream: list[tuple[bytes, bool, int]]) -> None:
-    gate, t_ns, last = SetPointGate(LIMITS), 0, None
+    gate, t_ns = SetPointGate(LIMITS), 0
     for data, sync, gap in stream:
         t_ns += gap * 4 * MS
         if sync:
             gate.on_sync(t_ns)
         passed, _ = gate.judge(data, True, t_ns)
+        if passed is not None:
+            assert gate.judge(data, True, t_ns) == (passed, None), "the same once more"
         word = struct.unpack_from("<H", data)[0]
         stops = word & 0x0F != 0x0F or word & 0x80
         if stops:
             assert passed == data
-            last = None
         elif passed is not None:
             target, offset = target_of(passed)
             assert -2_000_000 <= target <= 2_000_000
-            assert abs(offset) <= 2000 or last is None
-            last = target
+            assert abs(offset) <= 2000
 
 
 @pytest.mark.slow
