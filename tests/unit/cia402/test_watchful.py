@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drivers.catalogue import devices
+from drivers.cia402 import gate_keeper
 from drivers.cia402.states import State
 from stack.messages import Vector
 from stack.servo.state import AxisMode
@@ -170,6 +173,14 @@ def test_a_target_beyond_the_limits_passes_as_the_limit_and_is_counted() -> None
     rig.run(2 * SYNC_NS)
     assert struct.unpack("<i", master.read(JOINT, 0x607A)) == (upper,)
     assert struct.unpack("<I", master.read(JOINT, 0x2102))[0] >= 1
+    assert emergencies(rig, JOINT) == []
+
+
+def test_a_master_that_plans_smooth_motions_lets_three_times_the_velocity_limit_pass() -> None:
+    assert (gate_keeper.GATE_MARGIN, gate_keeper.GATE_MARGIN_PER_MILLE) == ((0x2100, 0), 3000)
+    joint = devices()[JOINT]
+    assert gate_keeper.has_gate(joint)
+    assert not gate_keeper.has_gate(replace(joint, objects=tuple(o for o in joint.objects if o.index != 0x2100)))
 
 
 @pytest.mark.parametrize(("limit", "largest"), [(1000, 1000), (0xFFFF, 0x7FFF)])
