@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,7 @@ from drivers.canopen.sdo_abort import StepError
 from drivers.canopen.sequence import Sequence, Until
 from drivers.catalogue import devices
 from drivers.cia402.axis import AxisClient
-from drivers.cia402.power import Controlword, clear_fault, quick_stop
+from drivers.cia402.power import Controlword, clear_fault, disable, enable, quick_stop
 
 MS = 1_000_000
 ENABLED, STOPPING, OFF, FAULT, REACTING = 0x1637, 0x1617, 0x1650, 0x1618, 0x161F
@@ -126,6 +127,74 @@ def test_after_the_reset_nothing_is_commanded_any_more() -> None:
     gone = waits(steps)
     talk.says(OFF)
     assert gone.predicate()
+    assert end_of(steps) is None
+    assert talk.axis.controlword == 0x00
+
+
+def without_pdos() -> Talk:
+    """Nothing of it has to be verified before it is enabled."""
+    talk = Talk()
+    talk.axis.device = replace(talk.axis.device, pdos=())
+    return talk
+
+
+def test_enabling_goes_on_from_a_quick_stop_where_the_drive_lets_it() -> None:
+    talk = without_pdos()
+    talk.says(STOPPING)
+    steps = enable(talk.axis, 100 * MS)
+    left = waits(steps)
+    assert talk.axis.controlword == 0x0F
+    assert not left.predicate()
+    talk.says(ENABLED)
+    assert left.predicate()
+    assert end_of(steps) is None
+
+
+def test_else_it_goes_the_long_way_each_step_confirmed() -> None:
+    talk = without_pdos()
+    talk.says(STOPPING)
+    steps = enable(talk.axis, 100 * MS)
+    waits(steps)
+    off = steps.throw(StepError("to leave quick stop active", "nothing"))
+    assert isinstance(off, Until)
+    assert (talk.axis.controlword, off.predicate()) == (0x00, False)
+    talk.says(OFF)
+    assert off.predicate()
+    for command, word in ((0x06, 0x1631), (0x07, 0x1633), (0x0F, ENABLED)):
+        step = waits(steps)
+        assert (talk.axis.controlword, step.predicate()) == (command, False)
+        talk.says(word)
+        assert step.predicate()
+    assert end_of(steps) is None
+
+
+def test_a_fault_ends_the_way_up_and_says_so() -> None:
+    talk = without_pdos()
+    talk.says(OFF)
+    steps = enable(talk.axis, 100 * MS)
+    step = waits(steps)
+    talk.says(FAULT)
+    assert step.predicate()
+    with pytest.raises(StepError, match="ready to switch on"):
+        next(steps)
+
+
+def test_a_drive_that_is_not_on_the_way_is_waited_for() -> None:
+    talk = Talk()
+    talk.says(0x1600)  # not ready to switch on
+    steps = disable(talk.axis, 100 * MS)
+    ready = waits(steps)
+    assert ready.what == "a state on the way to switch on disabled"
+    assert not ready.predicate()
+    talk.says(0x1633)
+    assert ready.predicate()
+    step = waits(steps)
+    assert talk.axis.controlword == 0x06
+    talk.says(0x1631)
+    assert step.predicate()
+    waits(steps)
+    assert talk.axis.controlword == 0x00
+    talk.says(OFF)
     assert end_of(steps) is None
     assert talk.axis.controlword == 0x00
 
