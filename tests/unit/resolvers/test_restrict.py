@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stack.planner.resolvers.nullspace import _inverse, _overwrite, _row_lengths, restrict
+from stack.planner.resolvers.nullspace import _inverse, _overwrite, _row_lengths, particular, restrict
 
 N, R = 8, 4
 EPSILON = 1e-6
@@ -26,12 +26,24 @@ def drawn(seed: int, k: int) -> tuple[np.random.Generator, np.ndarray, np.ndarra
 def test_the_inverse_is_the_inverse_whatever_its_pivots(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     regular = rng.normal(size=(k, k)) + 0.1 * np.eye(k)
-    shuffled = (np.diag(rng.uniform(0.5, 2.0, k)) + 1e-3 * regular)[
-        rng.permutation(k)
-    ]  # zeros, nearly, on the diagonal
+    shuffled = np.diag(rng.uniform(0.5, 2.0, k))[rng.permutation(k)]  # zeros on the diagonal
     for matrix in (shuffled, regular):
         if np.linalg.cond(matrix) < 1e6:
             np.testing.assert_allclose(_inverse(matrix) @ matrix, np.eye(k), atol=1e-8)
+
+
+@pytest.mark.parametrize("small", range(3))
+def test_the_particular_part_is_the_pseudo_inverse_and_says_where_it_was_propped(small: int) -> None:
+    rng = np.random.default_rng(small)
+    u, sigma, vt = np.linalg.svd(rng.normal(size=(3, 5)), full_matrices=False)
+    xdot = rng.normal(size=3)
+    dq, propped = particular(u, sigma, vt, xdot, EPSILON)
+    np.testing.assert_allclose(dq, np.linalg.pinv(u * sigma @ vt) @ xdot, atol=1e-9)
+    assert not propped
+    sigma[small] = EPSILON
+    assert not particular(u, sigma, vt, xdot, EPSILON)[1]
+    sigma[small] = 0.5 * EPSILON
+    assert particular(u, sigma, vt, xdot, EPSILON)[1]
 
 
 @given(seeds, st.integers(1, 5))
