@@ -11,6 +11,7 @@ from stack.planner.resolvers import RESOLVERS
 from stack.planner.resolvers.decomposition import decompose
 from stack.planner.resolvers.extended import extended_base, extended_step
 from stack.planner.resolvers.pns import reference
+from stack.planner.resolvers.rule_base import resolve_within_limits
 from stack.planner.resolvers.step import arm_step, limit_table
 
 FAR = np.full(8, np.inf)
@@ -52,6 +53,32 @@ def test_arm_step_is_preferences_then_null_space_then_rows(arm: ArmModel) -> Non
         np.testing.assert_allclose(got.dq_unconstrained, unconstrained, atol=1e-10)
         np.testing.assert_allclose(got.sigma, sigma, atol=1e-13)
         assert (got.scale, got.status) == (1.0, Status.CONSTRAINED)
+
+
+def test_arm_step_holds_limits_as_the_rule_base_around_any_resolver_does(arm: ArmModel) -> None:
+    """Joints in their zones, fast recovery from outside, and a bound on the speed that slows everything else down."""
+    rng = np.random.default_rng(13)
+    limits = np.full(8, 2.2)
+    no_wish = np.array([np.zeros(8), np.zeros(8), np.ones(8)])
+    for bound in (1e3, 0.5):
+        table = limit_table(-limits, limits, rng.uniform(0.2, 0.6, 8), np.full(8, bound))
+        restricted = slowed = 0
+        for q in configurations(arm, 60):
+            twist, weight = 0.1 * rng.normal(size=6), np.diag(rng.uniform(0.2, 5.0, 8))
+            got = arm_step(arm.jacobian(q), twist, q, no_wish, 1.0, weight, table, NO_ROWS, NO_VALUES)
+            problem = Problem(arm.jacobian(q), twist, B=weight, lower=table[5], upper=table[6])
+            wanted, limited = resolve_within_limits(RESOLVERS["pns"], problem, q, table)
+            if got.scale < 1.0 or got.status == Status.DEGRADED:
+                slowed += 1
+                assert np.abs(got.dq).max() <= bound
+                if got.status != Status.DEGRADED:
+                    np.testing.assert_allclose(arm.jacobian(q) @ got.dq, got.scale * twist, atol=1e-9)
+                continue
+            np.testing.assert_allclose(got.dq, wanted.dq, atol=1e-8)
+            np.testing.assert_array_equal(got.limited, limited)
+            restricted += limited.any()
+        assert restricted > 10
+        assert (slowed > 5) == (bound < 1.0)
 
 
 def test_arm_step_slows_down_on_the_path(arm: ArmModel) -> None:
