@@ -112,3 +112,18 @@ def test_a_row_that_the_null_space_cannot_move_is_met_by_overwriting(softness: f
     if softness == 0.0:
         assert found[3] == pytest.approx(-0.5, abs=1e-9)
     assert np.sign(eta[0]) == np.sign(floor[1] - dq[3])
+
+
+def test_a_soft_row_stays_soft_where_another_one_is_overwritten() -> None:
+    """Its target is what its own equation asks for, not its floor."""
+    _, white, _, dq, _ = drawn(6, 1)
+    white[:, 0] = 0.0
+    rows = np.zeros((2, N))
+    rows[0, 0], rows[1, 3] = 1.0, 3.0
+    weight, floor, softness = 4.0 * np.eye(N), np.array([0.25, -0.5]), np.array([0.0, 0.5])
+    found, eta, damped = restrict(white, weight, dq, rows, floor, softness, EPSILON)
+    assert damped
+    length = 1.5  # 3 / √4, in the metric
+    mobility = 4.0 * white[:, 3] @ white[:, 3]  # (3 / length)²
+    np.testing.assert_allclose(rows @ found, floor - [0.0, 0.5 * mobility * length * eta[1]], atol=1e-9)
+    assert abs(eta[1]) > 0.01

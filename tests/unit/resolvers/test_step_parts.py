@@ -40,6 +40,9 @@ def test_a_joint_at_its_limit_goes_no_further_whatever_came_out(side: float) -> 
     dq = outwards.copy()
     _keep(dq, TABLE, direction, np.array([0.0, 0.5, 0.0]), floor)
     np.testing.assert_array_equal(dq, [floor[0], outwards[1], floor[2]])  # a soft one is not held
+    slowly = np.full(3, 0.05 * side)
+    _keep(slowly, TABLE, direction, np.zeros(3), floor)
+    np.testing.assert_array_equal(slowly, floor)
     back = np.full(3, -0.3 * side)
     dq = back.copy()
     _keep(dq, TABLE, direction, np.zeros(3), floor)
