@@ -17,7 +17,6 @@ from enum import IntEnum
 SET_POINT = struct.Struct("<Hih")
 """Controlword, target (position, or velocity), torque offset: RPDO1 of a drive."""
 ENABLE_BITS, ENABLE = 0x0F, 0x0F
-FAULT_RESET = 0x80
 JUMP_MARGIN = 3.0
 """A target may be this multiple of what the velocity limit allows away from the one before it."""
 ACCELERATION_MARGIN = 1.5
@@ -134,19 +133,24 @@ class SetPointGate:
         if len(data) != SET_POINT.size:
             return None, self.counts.note(Reason.LENGTH)
         word, target, offset = SET_POINT.unpack(data)
-        enables = word & ENABLE_BITS == ENABLE and not word & FAULT_RESET
-        if not engaged or not enables:
-            self._taken = data if enables else None  # what takes power away is no set point: one may follow it
-            self._passed = data
+        enables = word & ENABLE_BITS == ENABLE
+        if not engaged:
+            self._taken, self._passed = data if enables else None, data
             self.seed(target, offset)
+            return data, None
+        if not enables:
+            self._taken = self._step = (
+                None  # what takes power away is no set point: one may follow it, from where the last one was
+            )
             return data, None
         if data == self._taken:
             return self._passed, None
-        limits, periods = self.limits, max(1, self._periods)
+        limits, periods, sync_ns = self.limits, max(1, self._periods), self._sync_ns
         if self._taken is not None:
-            if self._sync_ns is None or t_ns - self._sync_ns < OVERDUE * limits.period_ns:
+            if sync_ns is None or t_ns - sync_ns < OVERDUE * limits.period_ns:
                 return None, self.counts.note(Reason.RATE)
-            periods += 1  # a SYNC got lost in between
+            periods += 1  # a SYNC got lost in between: this frame takes its place, the next one waits for another
+            sync_ns += limits.period_ns
         if limits.jump is not None and abs(wrapped(target - self._last)) > limits.jump * periods:
             return None, self.counts.note(Reason.JUMP)
         bent = False
@@ -157,7 +161,7 @@ class SetPointGate:
         offset, slowed = limit_change(offset, self._offset, limits.offset_change * periods)
         offset, clipped = limit(offset, -limits.offset, limits.offset)
         self._step = wrapped(target - self._last) if periods == 1 else None
-        self._last, self._offset, self._taken, self._passed = target, offset, data, data
+        self._last, self._offset, self._taken, self._passed, self._sync_ns = target, offset, data, data, sync_ns
         if limited or bent or clipped or slowed:
             self._passed = SET_POINT.pack(word, target, offset)
             return self._passed, self.counts.note(Reason.LIMITED)

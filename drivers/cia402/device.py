@@ -129,13 +129,18 @@ class Drive(NodeApplication):
             self._quick_stop()
         elif not self._holding:
             self._holding = True
+            self._seed_gate()
             self.axis.expect_sync(None)
             self.axis.stop(self.parameters.deceleration, report=False)
 
     @property
     def _follows(self) -> bool:
-        """Set points move the axis."""
-        return self.state is State.OPERATION_ENABLED and self._loop is not None and not self._holding
+        """Set points move the axis; where it holds for want of them, the next one will."""
+        return self.state is State.OPERATION_ENABLED and self._loop is not None
+
+    def _seed_gate(self) -> None:
+        """The next set point is measured against where the axis is."""
+        self.gate.seed(self.process_data.position() if self.mode is Mode.CYCLIC_POSITION else 0)
 
     def on_sync(self, counter: int | None) -> None:
         self.gate.on_sync()
@@ -145,6 +150,8 @@ class Drive(NodeApplication):
             self.faults.recovered(fresh)
         if self.state is not State.OPERATION_ENABLED or self._loop is None:
             return
+        if self._after_stop is not None or (self._holding and not fresh):
+            self._seed_gate()
         if fresh:
             self._watch.missing = 0
             if self._holding:
@@ -214,7 +221,7 @@ class Drive(NodeApplication):
     def _enable(self) -> None:
         self.state = State.OPERATION_ENABLED
         self.process_data.seed()
-        self.gate.seed(self.process_data.position() if self.mode is Mode.CYCLIC_POSITION else 0)
+        self._seed_gate()
         self._watch.begin(cyclic=self._loop is not None)
         self._resume()
 

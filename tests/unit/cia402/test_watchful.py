@@ -199,3 +199,55 @@ def test_a_torque_offset_grows_by_half_of_the_limit_a_period_and_not_beyond_it(
         offsets.append(struct.unpack("<h", rig.drive.node.rpdo[1].pending[6:8])[0])  # type: ignore[index]
     sign = np.sign(wanted)
     assert offsets == [sign * round(largest / 2), sign * largest, sign * largest]
+
+
+GATED = {(GATE_MARGIN, 0): 3000, (0x6007, 0): 0, (0x605C, 0): 1}
+"""A gate; loss of the master: stop and hold under torque; «disable operation»: down the ramp first."""
+
+
+def guarded(velocity: int) -> tuple[Rig, Master]:
+    rig = Rig(JOINT, defaults=GATED)
+    master = Master(rig)
+    master.enable()
+    master.move(velocity)
+    rig.run(300 * MS)
+    return rig, master
+
+
+def test_a_jump_does_not_pass_with_a_fault_reset_in_the_command() -> None:
+    rig, master = guarded(0)
+    before = rig.plant.position[0]
+    master.word[JOINT] = 0x8F
+    master.target[JOINT] += 500_000
+    rig.run(100 * MS)
+    assert emergencies(rig, JOINT)[0] == 0xFF01
+    assert rig.plant.position[0] == pytest.approx(before, abs=2e-3)
+
+
+def test_a_jump_does_not_pass_after_a_hold() -> None:
+    rig, master = guarded(500_000)
+    master.sends_rpdo = False
+    rig.run(500 * MS)
+    assert rig.drive.state is State.OPERATION_ENABLED
+    held = rig.plant.position[0]
+    master.velocity, master.target[JOINT] = 0, round(1e6 * held) + 500_000
+    master.sends_rpdo = True
+    rig.run(100 * MS)
+    assert 0xFF01 in emergencies(rig, JOINT)
+    assert rig.plant.position[0] == pytest.approx(held, abs=2e-3)
+    master.target[JOINT] = round(1e6 * held) + 10_000
+    rig.run(300 * MS)
+    assert rig.plant.position[0] == pytest.approx(held + 0.01, abs=2e-3)
+
+
+def test_a_jump_does_not_pass_where_a_stop_is_taken_back_on_its_ramp() -> None:
+    rig, master = guarded(500_000)
+    master.velocity = 0
+    master.target[JOINT] += 500_000
+    master.command(0x07, 2)
+    assert rig.drive.state is State.OPERATION_ENABLED, "still on the ramp"
+    before = rig.plant.position[0]
+    master.command(0x0F, 10)
+    assert rig.drive.state is State.OPERATION_ENABLED
+    assert 0xFF01 in emergencies(rig, JOINT)
+    assert rig.plant.position[0] < before + 0.06

@@ -110,9 +110,34 @@ def test_what_was_missed_may_be_made_up_for() -> None:
 def test_a_stop_always_passes() -> None:
     stream = Stream()
     assert stream.next(frame(0))[1] is None
-    for word in (0x00, 0x02, 0x06, 0x07, 0x0B, 0x0D, 0x80, 0x8F):
+    for word in (0x00, 0x02, 0x06, 0x07, 0x0B, 0x0D, 0x80, 0x87):
         data = frame(1_900_000, 30_000, word)
         assert stream.gate.judge(data, True, stream.t_ns + 4 * MS) == (data, None)
+
+
+def test_a_fault_reset_in_an_enabling_command_opens_nothing() -> None:
+    """An enabled drive takes no notice of bit 7: it goes on following."""
+    stream = Stream()
+    stream.next(frame(0))
+    assert stream.next(frame(500_000, word=0x8F)) == (None, Reason.JUMP)
+
+
+def test_what_a_stop_says_besides_is_not_where_it_goes_on_from() -> None:
+    stream = Stream()
+    stream.next(frame(0))
+    stream.next(frame(500_000, 2000, word=0x07))
+    assert stream.next(frame(500_000)) == (None, Reason.JUMP)
+    assert target_of(stream.next(frame(1_000, 2000))[0]) == (1_000, 2000)
+
+
+def test_after_a_late_sync_one_frame_takes_its_place_and_not_one_after_the_other() -> None:
+    stream = Stream()
+    stream.next(frame(0))
+    late_ns = stream.t_ns + 13 * MS
+    assert stream.gate.judge(frame(40_000), True, late_ns)[1] is None
+    assert stream.gate.judge(frame(80_000), True, late_ns + MS) == (None, Reason.RATE)
+    assert stream.gate.judge(frame(80_000), True, late_ns + PERIOD)[1] is None
+    assert stream.gate.judge(frame(120_000), True, late_ns + PERIOD + MS) == (None, Reason.RATE)
 
 
 def test_after_a_stop_an_enabling_frame_of_the_same_period_is_a_beginning() -> None:
@@ -290,7 +315,7 @@ def test_nothing_gets_through_that_is_outside_its_limits(stream: list[tuple[byte
         if passed is not None:
             assert gate.judge(data, True, t_ns) == (passed, None), "the same once more"
         word = struct.unpack_from("<H", data)[0]
-        stops = word & 0x0F != 0x0F or word & 0x80
+        stops = word & 0x0F != 0x0F
         if stops:
             assert passed == data
         elif passed is not None:
